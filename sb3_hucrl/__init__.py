@@ -1,0 +1,36 @@
+"""H-UCRL for Stable-Baselines3: optimistic model-based reinforcement learning with the algorithms you already use."""
+
+from sb3_hucrl._version import __version__
+from sb3_hucrl.callbacks import HUCRLCallback
+from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.dynamics import DynamicsModel, Prediction, ProbabilisticEnsemble
+from sb3_hucrl.envs import register_envs
+from sb3_hucrl.exploration import ExplorationStrategy, Greedy, Optimistic
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.state import HUCRLState
+from sb3_hucrl.tasks import Task, register_task
+from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv
+
+
+
+__all__ = [
+    "DynamicsModel",
+    "ExplorationStrategy",
+    "Greedy",
+    "HUCRLCallback",
+    "HUCRLState",
+    "HallucinationWrapper",
+    "ImaginationVecEnv",
+    "LearnedModelEnv",
+    "Optimistic",
+    "Prediction",
+    "ProbabilisticEnsemble",
+    "StartStates",
+    "Task",
+    "TransitionDataset",
+    "Transitions",
+    "__version__",
+    "register_task",
+]
+
+register_envs()

@@ -1,0 +1,260 @@
+"""The outer loop of H-UCRL (Algorithm 2), around any SB3 algorithm."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import CSVOutputFormat
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.dynamics import DynamicsModel, FitReport, make_dynamics
+from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
+from sb3_hucrl.rollout import Actor, Array, collect_episode
+from sb3_hucrl.spaces import require_bounded_box
+from sb3_hucrl.stack import find_imagination, restart_trajectories
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.state import HUCRLState, attach_state, get_state
+from sb3_hucrl.tasks import Task, require_task
+from sb3_hucrl.wrappers.imagination import ImaginationVecEnv
+
+
+class HUCRLCallback(BaseCallback):
+    """
+    Alternates real episodes with policy search in imagination, the search being the SB3 algorithm's own.
+
+    At the start it runs ``initial_episodes`` random real episodes and fits the dynamics model. From then on the
+    algorithm trains in imagination; after every ``imagined_steps`` of its timesteps the callback plays
+    ``real_episodes`` episodes with the current policy (a′ dropped), appends them, refits, and restarts imagination.
+    Search also ends with a real episode when training does. Policy, critic and dynamics model are warm-started.
+
+    ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
+    ``model.hucrl`` (:class:`sb3_hucrl.state.HUCRLState`) and travels in the model's own zip file; a loaded model goes
+    on where it was.
+
+    :param exploration: name of a strategy (``"optimistic"``, ``"greedy"``), or a strategy
+    :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
+    :param dynamics: name of a dynamics model (``"ensemble"``), or a model
+    :param dynamics_kwargs: arguments of the named model
+    :param task: reward, termination and state map; by default the one registered for the environment's id
+    :param horizon: length of an imagined trajectory; by default that of a real episode
+    :param imagined_steps: timesteps of policy search between real episodes, over all imagined trajectories
+    :param initial_episodes: random real episodes before the first search, at least 1
+    :param real_episodes: real episodes after each search, at least 1
+    :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.starts.StartStates`
+    :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
+    :param verbose: 1 prints what is resumed
+    :raises ValueError: if a number is too small or a name unknown
+    """
+
+    def __init__(
+        self,
+        exploration: str | ExplorationStrategy = "optimistic",
+        exploration_kwargs: Mapping[str, Any] | None = None,
+        dynamics: str | DynamicsModel = "ensemble",
+        dynamics_kwargs: Mapping[str, Any] | None = None,
+        task: Task | None = None,
+        horizon: int | None = None,
+        imagined_steps: int = 25_600,
+        initial_episodes: int = 1,
+        real_episodes: int = 1,
+        start_states: Mapping[str, float] | None = None,
+        log_dir: str | None = None,
+        verbose: int = 0,
+    ) -> None:
+        super().__init__(verbose)
+        counts = {"imagined_steps": imagined_steps, "initial_episodes": initial_episodes, "real_episodes": real_episodes}
+        if horizon is not None:
+            counts["horizon"] = horizon
+        for name, value in counts.items():
+            if value < 1:
+                raise ValueError(f"{name} is {value}: give at least 1")
+        if isinstance(exploration, str):
+            exploration = make_strategy(exploration, **(exploration_kwargs or {}))
+        self.strategy: ExplorationStrategy = exploration
+        self.dynamics = dynamics
+        self.dynamics_kwargs = dict(dynamics_kwargs or {})
+        self.task = task
+        self.horizon = horizon
+        self.imagined_steps = imagined_steps
+        self.initial_episodes = initial_episodes
+        self.real_episodes = real_episodes
+        self.start_states = start_states
+        self.log_dir = log_dir
+        self._csv: CSVOutputFormat | None = None
+        self._searching = False
+        self._search_start = 0
+        self._clock = 0.0
+
+    def _on_training_start(self) -> None:
+        self._imagination_env = find_imagination(self.training_env)
+        if self.training_env.num_envs < 2:
+            raise ValueError(
+                f"n_envs is {self.training_env.num_envs}: imagination steps all environments as one batch and needs "
+                "at least 2; make 32 or so, for example make_vec_env(..., n_envs=32)"
+            )
+        self._log_to_csv()
+        spec = self._real_env.get_attr("spec", indices=0)[0]
+        self._task = self.task or require_task(spec)
+        if spec is None or spec.max_episode_steps is None:
+            raise ValueError(
+                "the environment has no time limit, so a real episode may never end: wrap it in "
+                "gymnasium.wrappers.TimeLimit, or register it with max_episode_steps"
+            )
+        self._horizon = self.horizon or int(spec.max_episode_steps)
+        box = require_bounded_box(self.training_env.action_space)
+        hallucinated_dim = self._real_env.get_attr("hallucinated_dim", 0)[0] if self._is_hallucinated() else 0
+        self._action_dim = box.shape[0] - hallucinated_dim
+        self._low, self._high = th.as_tensor(box.low), th.as_tensor(box.high)
+        self._state = self._resume() or self._begin()
+        attach_state(self.model, self._state)
+        # Built before any real step is taken, so that what does not fit is found at once.
+        self._starts = StartStates(self._state.dataset, self._task, self.start_states)
+        self._imagine()
+        if len(self._state.dataset) == 0:
+            started = time.perf_counter()
+            for _ in range(self.initial_episodes):
+                self._append(collect_episode(self._real_env, self._random_actor, self._task, self._action_dim))
+            self._refit(time.perf_counter() - started, search_seconds=0.0)
+        self._start_search()
+
+    def _on_rollout_start(self) -> None:
+        if self.model.num_timesteps - self._search_start >= self.imagined_steps:
+            self._end_search()
+            self._start_search()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not acted on.
+        if not self._searching:
+            return
+        if self.model.num_timesteps >= self.model._total_timesteps > self._search_start:
+            self._end_search()
+        self._searching = False
+        self._imagination_env.real()
+
+    @property
+    def _real_env(self) -> VecEnv:
+        return self._imagination_env.venv
+
+    def _is_hallucinated(self) -> bool:
+        return self._real_env.has_attr("hallucinated_dim")
+
+    def _begin(self) -> HUCRLState:
+        seed = self.model.seed if self.model.seed is not None else int(np.random.randint(2**31))
+        generator = th.Generator().manual_seed(seed)
+        dataset_seed = int(th.randint(2**31, (), generator=generator))
+        dataset = TransitionDataset(self._task.state_dim, self._action_dim, seed=dataset_seed)
+        dynamics = self.dynamics
+        if isinstance(dynamics, str):
+            dynamics = make_dynamics(
+                dynamics,
+                self._task.state_dim,
+                self._action_dim,
+                self._task.angle_dims,
+                generator,
+                **self.dynamics_kwargs,
+            )
+        return HUCRLState(dataset, dynamics.to(self.model.device), generator)
+
+    def _resume(self) -> HUCRLState | None:
+        state = get_state(self.model)
+        if state is None:
+            return None
+        found = (state.dataset.state_dim, state.dataset.action_dim)
+        expected = (self._task.state_dim, self._action_dim)
+        if found != expected:
+            raise ValueError(
+                f"the loaded model carries transitions with (state, action) dimensions {found}, this environment has "
+                f"{expected}: load a model that was trained on this environment"
+            )
+        if self.verbose > 0:
+            print(f"Resuming with {state.real_episodes} real episodes, {len(state.dataset)} real steps")
+        state.dynamics.to(self.model.device)
+        return state
+
+    def _imagine(self) -> None:
+        self._imagination = self._imagination_env.imagine(
+            self._state.dynamics, self.strategy, self._task, self._horizon, self._starts, seed=self._state.draw_seed()
+        )
+
+    def _start_search(self) -> None:
+        self._imagine()
+        if isinstance(self.model, OffPolicyAlgorithm) and self.model.replay_buffer is not None:
+            # What the last model imagined would contradict the new one.
+            self.model.replay_buffer.reset()
+        restart_trajectories(self.model)
+        self._search_start = self.model.num_timesteps
+        self._searching = True
+        self._clock = time.perf_counter()
+
+    def _end_search(self) -> None:
+        search_seconds = time.perf_counter() - self._clock
+        started = time.perf_counter()
+        for _ in range(self.real_episodes):
+            self._append(collect_episode(self._real_env, self._policy_actor(), self._task, self._action_dim))
+        self._refit(time.perf_counter() - started, search_seconds)
+
+    def _append(self, episode: Transitions) -> None:
+        self._state.dataset.append_episode(episode)
+        self._state.real_episodes += 1
+        self._state.last_return = float(episode.rewards.sum(dtype=th.float64))
+
+    def _random_actor(self, observation: Array, first: bool) -> Array:
+        uniform = th.rand(self._low.shape, generator=self._state.generator)
+        return (self._low + uniform * (self._high - self._low)).numpy()
+
+    def _policy_actor(self) -> Actor:
+        normalizer = self.model.get_vec_normalize_env()
+        memory: tuple[np.ndarray, ...] | None = None
+
+        def act(observation: Array, first: bool) -> Array:
+            nonlocal memory
+            inputs = observation if normalizer is None else normalizer.normalize_obs(observation)
+            actions, memory = self.model.predict(
+                inputs[np.newaxis], state=memory, episode_start=np.array([first]), deterministic=True
+            )
+            return actions[0]
+
+        return act
+
+    def _refit(self, rollout_seconds: float, search_seconds: float) -> None:
+        started = time.perf_counter()
+        state = self._state
+        report = state.dynamics.fit(state.dataset, state.generator)
+        self._log(report, rollout_seconds, time.perf_counter() - started, search_seconds)
+
+    def _log(self, report: FitReport, rollout_seconds: float, fit_seconds: float, search_seconds: float) -> None:
+        record = self.logger.record
+        record("real/episode", self._state.real_episodes)
+        record("real/steps", len(self._state.dataset))
+        record("real/return", self._state.last_return)
+        if self._imagination.initial_returns:
+            record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
+            record("imagined/epistemic_std", self._imagination.epistemic_std)
+        record("dynamics/holdout_nll", report.holdout_nll)
+        record("dynamics/calibration_error", report.calibration_error)
+        record("dynamics/train_loss", report.train_loss)
+        record("time/rollout_seconds", rollout_seconds)
+        record("time/fit_seconds", fit_seconds)
+        record("time/search_seconds", search_seconds)
+        record("time/total_timesteps", self.model.num_timesteps, exclude="tensorboard")
+        self.logger.dump(self.model.num_timesteps)
+
+    def _log_to_csv(self) -> None:
+        if self.log_dir is None:
+            return
+        if self._csv is None:
+            Path(self.log_dir).mkdir(parents=True, exist_ok=True)
+            self._csv = CSVOutputFormat(str(Path(self.log_dir) / "progress.csv"))
+        if self._csv not in self.logger.output_formats:
+            self.logger.output_formats.append(self._csv)

@@ -1,0 +1,186 @@
+"""Probabilistic ensemble (Chua et al. 2018; Lakshminarayanan et al. 2017), all members in one matrix product."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch as th
+from torch import nn
+from torch.nn import functional as F
+
+from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction
+from sb3_hucrl.dynamics.calibration import calibration_error, gaussian_nll
+from sb3_hucrl.dynamics.features import StateFeatures
+
+# Bounds of the log-variance of a standardised target: a noise of 0.7 % to 160 % of the target's own spread.
+MIN_LOG_VARIANCE, MAX_LOG_VARIANCE = -10.0, 1.0
+
+
+class BatchedLinear(nn.Module):
+    """
+    One linear layer for each of M members, applied as one product.
+
+    :param num_members: M
+    :param in_features: input width
+    :param out_features: output width
+    :param generator: draws the weights
+    """
+
+    def __init__(self, num_members: int, in_features: int, out_features: int, generator: th.Generator | None) -> None:
+        super().__init__()
+        weight = th.randn(num_members, in_features, out_features, generator=generator) / math.sqrt(in_features)
+        self.weight = nn.Parameter(weight)
+        self.bias = nn.Parameter(th.zeros(num_members, 1, out_features))
+
+    def forward(self, inputs: th.Tensor) -> th.Tensor:
+        """
+        :param inputs: shape (M, B, in_features)
+        :return: shape (M, B, out_features)
+        """
+        return th.baddbmm(self.bias, inputs, self.weight)
+
+
+class Standardiser(nn.Module):
+    """
+    Shift and scale to zero mean and unit variance on the data so far.
+
+    :param dim: number of columns
+    """
+
+    mean: th.Tensor
+    std: th.Tensor
+
+    def __init__(self, dim: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", th.zeros(dim))
+        self.register_buffer("std", th.ones(dim))
+
+    def update(self, values: th.Tensor) -> None:
+        """
+        :param values: all data so far, shape (n, dim); a constant column keeps its scale
+        """
+        std = values.std(dim=0, correction=0)
+        self.mean.copy_(values.mean(dim=0))
+        self.std.copy_(th.where(std > 1e-8, std, th.ones_like(std)))
+
+    def forward(self, values: th.Tensor) -> th.Tensor:
+        return (values - self.mean) / self.std
+
+
+class ProbabilisticEnsemble(DynamicsModel):
+    """
+    M independent networks, each of which predicts a normal distribution of the standardised state difference.
+
+    The members' mixture is summarised by its moments: the mean of the means, their spread (epistemic), and the mean
+    of the variances (aleatoric). Each member sees the data through its own Poisson(1) weights (appendix B.1).
+
+    :param state_dim: p
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param num_members: M, at least 2
+    :param net_arch: widths of the hidden layers
+    :param learning_rate: of Adam
+    :param batch_size: transitions per member and gradient step
+    :param gradient_steps: per fit
+    :param generator: draws the initial weights
+    :raises ValueError: if there are fewer than 2 members
+    """
+
+    def __init__(
+        self,
+        state_dim: int,
+        action_dim: int,
+        angle_dims: Sequence[int] = (),
+        num_members: int = 5,
+        net_arch: Sequence[int] = (64, 64),
+        learning_rate: float = 1e-3,
+        batch_size: int = 64,
+        gradient_steps: int = 1_000,
+        generator: th.Generator | None = None,
+    ) -> None:
+        super().__init__(state_dim, action_dim)
+        if num_members < 2:
+            raise ValueError(f"num_members is {num_members}: disagreement needs at least 2 members")
+        self.num_members = num_members
+        self.learning_rate = learning_rate
+        self.batch_size = batch_size
+        self.gradient_steps = gradient_steps
+        self.features = StateFeatures(state_dim, angle_dims)
+        input_dim = self.features.output_dim + action_dim
+        self.inputs = Standardiser(input_dim)
+        self.deltas = Standardiser(state_dim)
+        widths = [input_dim, *net_arch, 2 * state_dim]
+        self.layers = nn.ModuleList(
+            BatchedLinear(num_members, width, next_width, generator)
+            for width, next_width in zip(widths[:-1], widths[1:], strict=True)
+        )
+
+    def members(self, inputs: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+        """
+        The bare networks.
+
+        :param inputs: standardised, shape (M, B, input_dim)
+        :return: mean and log-variance of the standardised state difference, each of shape (M, B, p)
+        """
+        hidden = inputs
+        for layer in self.layers[:-1]:
+            hidden = F.silu(layer(hidden))
+        mean, log_variance = self.layers[-1](hidden).chunk(2, dim=-1)
+        log_variance = MAX_LOG_VARIANCE - F.softplus(MAX_LOG_VARIANCE - log_variance)
+        return mean, MIN_LOG_VARIANCE + F.softplus(log_variance - MIN_LOG_VARIANCE)
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        inputs = self.inputs(th.cat([self.features(state), action], dim=-1))
+        means, log_variances = self.members(inputs.expand(self.num_members, -1, -1))
+        epistemic_variance, mean = th.var_mean(means, dim=0, correction=0)
+        scale = self.deltas.std
+        return Prediction(
+            mean=state + self.deltas.mean + mean * scale,
+            # The root of an exact zero (members that agree to the last bit) would have an infinite gradient.
+            epistemic_std=epistemic_variance.clamp(min=1e-12).sqrt() * scale,
+            aleatoric_std=log_variances.exp().mean(dim=0).sqrt() * scale,
+        )
+
+    def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
+        train = dataset.train
+        if len(train) < 2:
+            raise ValueError(f"an ensemble needs at least 2 training transitions, got {len(train)}: collect more episodes")
+        device = self.inputs.mean.device
+        inputs, deltas = self._training_data(train, device)
+        weights = dataset.bootstrap_weights(self.num_members).T.to(device)
+        optimizer = th.optim.Adam(self.parameters(), lr=self.learning_rate, fused=True)
+        member = th.arange(self.num_members, device=device).unsqueeze(1)
+        batches = th.randint(
+            len(train), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
+        ).to(device)
+        losses = th.zeros(self.gradient_steps)
+        for step, batch in enumerate(batches):
+            mean, log_variance = self.members(inputs[batch])
+            nll = ((deltas[batch] - mean).square() * (-log_variance).exp() + log_variance).sum(dim=-1)
+            loss = 0.5 * (weights[member, batch] * nll).mean(dim=1).sum()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            losses[step] = loss.detach()
+        train_loss = float(losses[-max(1, self.gradient_steps // 10) :].mean()) / self.num_members
+        if not math.isfinite(train_loss):
+            raise ValueError(f"the ensemble's training loss is {train_loss}: lower learning_rate (now {self.learning_rate})")
+        holdout_nll, error = self._evaluate(dataset.holdout, device)
+        return FitReport(train_loss, len(train), holdout_nll, error)
+
+    def _training_data(self, train: Transitions, device: th.device) -> tuple[th.Tensor, th.Tensor]:
+        states, actions = train.states.to(device), train.actions.to(device)
+        inputs = th.cat([self.features(states), actions], dim=-1)
+        deltas = self.features.difference(train.next_states.to(device), states)
+        self.inputs.update(inputs)
+        self.deltas.update(deltas)
+        return self.inputs(inputs), self.deltas(deltas)
+
+    @th.no_grad()
+    def _evaluate(self, holdout: Transitions, device: th.device) -> tuple[float, float]:
+        prediction = self.predict(holdout.states.to(device), holdout.actions.to(device))
+        error = self.features.difference(holdout.next_states.to(device), prediction.mean)
+        std = prediction.predictive_std
+        return float(gaussian_nll(error, std).mean()), float(calibration_error(error, std).mean())

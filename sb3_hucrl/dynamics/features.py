@@ -1,0 +1,51 @@
+"""How states enter a model: angles as (sin, cos), everything else as it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch as th
+from torch import nn
+
+
+class StateFeatures(nn.Module):
+    """
+    Encodes states whose angles would otherwise jump at ±π.
+
+    :param state_dim: p
+    :param angle_dims: indices of the state's angles, in radians
+    :raises ValueError: if an index lies outside the state
+    """
+
+    def __init__(self, state_dim: int, angle_dims: Sequence[int] = ()) -> None:
+        super().__init__()
+        outside = [dim for dim in angle_dims if not 0 <= dim < state_dim]
+        if outside:
+            raise ValueError(f"angle_dims {outside} lie outside a state of {state_dim} dimensions")
+        self.angle_dims = list(angle_dims)
+        self.linear_dims = [dim for dim in range(state_dim) if dim not in self.angle_dims]
+        self.output_dim = len(self.linear_dims) + 2 * len(self.angle_dims)
+
+    def forward(self, state: th.Tensor) -> th.Tensor:
+        """
+        :param state: shape (..., p)
+        :return: shape (..., output_dim)
+        """
+        if not self.angle_dims:
+            return state
+        angles = state[..., self.angle_dims]
+        return th.cat([angles.sin(), angles.cos(), state[..., self.linear_dims]], dim=-1)
+
+    def difference(self, state: th.Tensor, reference: th.Tensor) -> th.Tensor:
+        """
+        state - reference, the angles' part wrapped to [-π, π).
+
+        :param state: shape (..., p)
+        :param reference: shape (..., p)
+        :return: shape (..., p)
+        """
+        delta = state - reference
+        if self.angle_dims:
+            delta[..., self.angle_dims] = (delta[..., self.angle_dims] + math.pi) % (2 * math.pi) - math.pi
+        return delta

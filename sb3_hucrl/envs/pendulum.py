@@ -1,0 +1,126 @@
+"""The paper's inverted pendulum, swung up from rest with a torque that cannot lift it (appendix B.2.1)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from sb3_hucrl.envs.pendulum_render import PendulumRenderer
+
+GRAVITY = 9.81
+MASS = 0.3
+LENGTH = 0.5
+FRICTION = 0.005
+TIME_STEP = 1 / 80
+
+
+def angular_acceleration(theta: float, omega: float, torque: float) -> float:
+    """
+    θ̈ = (g/l) sin θ + (a - d ω) / (m l²), in rad/s².
+
+    :param theta: angle from upright, in rad
+    :param omega: angular velocity, in rad/s
+    :param torque: in N m
+    """
+    return GRAVITY / LENGTH * math.sin(theta) + (torque - FRICTION * omega) / (MASS * LENGTH**2)
+
+
+def integrate(theta: float, omega: float, torque: float) -> tuple[float, float]:
+    """
+    One time step under a constant torque, by the classical Runge-Kutta method of order 4.
+
+    :return: the next angle and angular velocity
+    """
+    h = TIME_STEP
+    k1 = angular_acceleration(theta, omega, torque)
+    omega2 = omega + h / 2 * k1
+    k2 = angular_acceleration(theta + h / 2 * omega, omega2, torque)
+    omega3 = omega + h / 2 * k2
+    k3 = angular_acceleration(theta + h / 2 * omega2, omega3, torque)
+    omega4 = omega + h * k3
+    k4 = angular_acceleration(theta + h * omega3, omega4, torque)
+    return (
+        theta + h / 6 * (omega + 2 * omega2 + 2 * omega3 + omega4),
+        omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4),
+    )
+
+
+def _tolerance(value: float, lower: float, upper: float, margin: float) -> float:
+    distance = max(lower - value, 0.0, value - upper)
+    return math.exp(math.log(0.1) * (distance / margin) ** 2)
+
+
+class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
+    """
+    Observation (sin θ, cos θ, ω) with θ = 0 upright; action: a torque in [-1, 1] N m, which is clipped.
+
+    The reward of a state and the action taken in it is tol(cos θ)·tol(ω) + ρ·(tol(a) - 1): 1 while upright and slow,
+    minus up to ρ for torque. Every episode starts hanging at rest and never terminates; the registered
+    ``HUCRL-Pendulum-v0`` truncates it after 400 steps (5 s).
+
+    :param action_penalty: ρ, 0 or more
+    :param render_mode: ``"rgb_array"``, ``"human"`` or None
+    :raises ValueError: if the action penalty is negative or the render mode unknown
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}
+
+    def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
+        if not action_penalty >= 0:
+            raise ValueError(f"action_penalty is {action_penalty}: it is subtracted, so give 0 or more")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"unknown render_mode {render_mode!r}: choose one of {self.metadata['render_modes']}")
+        self.action_penalty = action_penalty
+        self.render_mode = render_mode
+        bound = np.array([1.0, 1.0, np.inf], dtype=np.float32)
+        self.observation_space = spaces.Box(-bound, bound)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,))
+        self.theta, self.omega, self.torque = math.pi, 0.0, 0.0
+        self._renderer: PendulumRenderer | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[np.float32], dict[str, Any]]:
+        super().reset(seed=seed)
+        self.theta, self.omega, self.torque = math.pi, 0.0, 0.0
+        self._render_human()
+        return self._observation(), {}
+
+    def step(
+        self, action: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        self.torque = min(max(float(action[0]), -1.0), 1.0)
+        upright = _tolerance(math.cos(self.theta), 0.95, 1.0, 0.1)
+        slow = _tolerance(self.omega, -0.5, 0.5, 0.5)
+        effortless = _tolerance(self.torque, -0.1, 0.1, 0.1)
+        reward = upright * slow + self.action_penalty * (effortless - 1.0)
+        self.theta, self.omega = integrate(self.theta, self.omega, self.torque)
+        self._render_human()
+        return self._observation(), reward, False, False, {}
+
+    def _observation(self) -> npt.NDArray[np.float32]:
+        return np.array([math.sin(self.theta), math.cos(self.theta), self.omega], dtype=np.float32)
+
+    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]  # gymnasium types it as a free variable
+        if self.render_mode != "rgb_array":
+            return None
+        return self._get_renderer().frame(self.theta, self.torque)
+
+    def _render_human(self) -> None:
+        if self.render_mode == "human":
+            self._get_renderer().show(self.theta, self.torque)
+
+    def _get_renderer(self) -> PendulumRenderer:
+        if self._renderer is None:
+            self._renderer = PendulumRenderer(fps=self.metadata["render_fps"])
+        return self._renderer
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -1,0 +1,169 @@
+"""Imagined rollouts of a learned model, all trajectories in one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import torch as th
+from gymnasium import spaces
+
+from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.exploration import ExplorationStrategy
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.tasks.base import Task
+
+
+@dataclass(frozen=True)
+class ImaginedStep:
+    """
+    What one step of B imagined trajectories gave, before any of them is restarted.
+
+    :param observations: of the next states, shape (B, observation dimension)
+    :param rewards: shape (B,)
+    :param terminated: the task has ended, shape (B,)
+    :param truncated: the horizon was reached, shape (B,)
+    """
+
+    observations: npt.NDArray[np.float32]
+    rewards: npt.NDArray[np.float32]
+    terminated: npt.NDArray[np.bool_]
+    truncated: npt.NDArray[np.bool_]
+
+
+class Imagination:
+    """
+    The hallucinated system of equation (7) as a batch of trajectories: numpy at its border, torch inside.
+
+    :param model: the learned dynamics
+    :param strategy: turns prediction and a′ into the next state
+    :param task: known reward, termination and observation
+    :param starts: where trajectories begin
+    :param horizon: steps after which a trajectory is truncated
+    :param num_envs: number of trajectories B
+    :param action_space: of (a, a′), q + h dimensions; actions beyond it are clipped
+    :param seed: of the noise and the start states
+    :raises ValueError: if the horizon is below 1 or model, task, strategy and action space do not fit together
+    """
+
+    def __init__(
+        self,
+        model: DynamicsModel,
+        strategy: ExplorationStrategy,
+        task: Task,
+        starts: StartStates,
+        horizon: int,
+        num_envs: int,
+        action_space: spaces.Box,
+        seed: int,
+    ) -> None:
+        if horizon < 1:
+            raise ValueError(f"horizon is {horizon}: imagined trajectories need at least 1 step")
+        if model.state_dim != task.state_dim:
+            raise ValueError(
+                f"the dynamics model predicts {model.state_dim} state dimensions, {type(task).__name__} has "
+                f"{task.state_dim}: build the model with state_dim={task.state_dim}"
+            )
+        hallucinated_dim = strategy.hallucinated_dim(task.state_dim)
+        if action_space.shape[0] != model.action_dim + hallucinated_dim:
+            raise ValueError(
+                f"the action space has {action_space.shape[0]} dimensions, but the dynamics model takes "
+                f"{model.action_dim} and {type(strategy).__name__} adds {hallucinated_dim}: build the model with "
+                "the real action_dim, and wrap the environment in HallucinationWrapper (hallucinate=True) exactly "
+                "when the strategy adds dimensions"
+            )
+        self.horizon = horizon
+        self.num_envs = num_envs
+        self._model, self._strategy, self._task, self._starts = model, strategy, task, starts
+        self._device = next(model.parameters(), th.zeros(0)).device
+        self._low = th.as_tensor(action_space.low, device=self._device)
+        self._high = th.as_tensor(action_space.high, device=self._device)
+        self._states = th.empty(0)
+        self._epistemic_sum = th.zeros(num_envs, task.state_dim, device=self._device)
+        self._num_steps = 0
+        self.returns = np.zeros(num_envs)
+        self.lengths = np.zeros(num_envs, dtype=np.int64)
+        self._from_initial = np.zeros(num_envs, dtype=np.bool_)
+        #: returns of the finished trajectories that began where real episodes begin, oldest first
+        self.initial_returns: list[float] = []
+        self.seed(seed)
+
+    def seed(self, seed: int) -> None:
+        """Restart all randomness."""
+        self._start_generator = th.Generator().manual_seed(seed)
+        self._noise_generator = th.Generator(self._device).manual_seed(seed)
+
+    @property
+    def epistemic_std(self) -> float:
+        """Mean epistemic standard deviation over all imagined steps and state dimensions so far."""
+        return float(self._epistemic_sum.mean()) / max(1, self._num_steps)
+
+    @th.inference_mode()
+    def reset(self, indices: npt.NDArray[np.intp] | None = None) -> npt.NDArray[np.float32]:
+        """
+        Begin new trajectories.
+
+        :param indices: which to restart, all by default
+        :return: their first observations, shape (len(indices), observation dimension)
+        """
+        count = self.num_envs if indices is None else len(indices)
+        states, from_initial = self._starts.sample(count, self._start_generator)
+        states = states.to(self._device)
+        if indices is None:
+            indices = np.arange(self.num_envs)
+            self._states = states
+        else:
+            # Not in place: an observation that was handed out may share memory with the states.
+            self._states = self._states.index_copy(0, th.as_tensor(indices, device=self._device), states)
+        self.returns[indices] = 0.0
+        self.lengths[indices] = 0
+        self._from_initial[indices] = from_initial.numpy()
+        return self._task.observe(states).cpu().numpy()
+
+    @th.inference_mode()
+    def step(self, actions: npt.NDArray[np.float32]) -> ImaginedStep:
+        """
+        Advance every trajectory by one step.
+
+        :param actions: (a, a′), shape (B, q + h)
+        :return: what happened; the caller restarts what has ended
+        :raises RuntimeError: if the trajectories were never begun
+        :raises ValueError: if an imagined state or reward is not finite
+        """
+        if len(self._states) == 0:
+            raise RuntimeError("call reset() before step()")
+        action = th.as_tensor(actions, device=self._device, dtype=self._low.dtype).clamp(self._low, self._high)
+        real_action, hallucinated = action.tensor_split([self._model.action_dim], dim=1)
+        state = self._states
+        prediction = self._model.predict(state, real_action)
+        next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
+        reward = self._task.reward(state, real_action, next_state)
+        step = ImaginedStep(
+            observations=self._task.observe(next_state).cpu().numpy(),
+            rewards=reward.cpu().numpy(),
+            terminated=self._task.terminated(state, real_action, next_state).cpu().numpy(),
+            truncated=self.lengths + 1 >= self.horizon,
+        )
+        self._states = next_state
+        self._epistemic_sum += prediction.epistemic_std
+        self._num_steps += 1
+        self.lengths += 1
+        self.returns += step.rewards
+        self._require_finite(step)
+        self._note_finished(step.terminated | step.truncated)
+        return step
+
+    def _note_finished(self, done: npt.NDArray[np.bool_]) -> None:
+        if done.any():
+            self.initial_returns.extend(self.returns[done & self._from_initial].tolist())
+
+    def _require_finite(self, step: ImaginedStep) -> None:
+        for name, values in (("observation", step.observations), ("reward", step.rewards)):
+            # One sum is the cheapest test: it is finite unless an element is not.
+            if not np.isfinite(values.sum()):
+                row = int(np.argmin(np.isfinite(values).reshape(self.num_envs, -1).all(axis=1)))
+                raise ValueError(
+                    f"imagined {name} is {values[row].tolist()} at step {self.lengths[row]} of trajectory {row}: the "
+                    "dynamics model has diverged; lower beta or the horizon, or collect more real episodes"
+                )

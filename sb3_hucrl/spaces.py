@@ -1,0 +1,59 @@
+"""Which spaces hallucination can work with; the errors say what to do about the others."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium import spaces
+
+
+def require_bounded_box(action_space: spaces.Space) -> spaces.Box:
+    """
+    :param action_space: of the real environment, or already widened
+    :raises ValueError: unless it is a finite, one-dimensional Box
+    """
+    if not isinstance(action_space, spaces.Box):
+        raise ValueError(
+            f"the action space is {action_space}: hallucination needs continuous actions, a one-dimensional Box"
+        )
+    if len(action_space.shape) != 1:
+        raise ValueError(f"the action space has shape {action_space.shape}: flatten it to one dimension")
+    if not action_space.is_bounded():
+        raise ValueError(
+            f"the action space {action_space} is unbounded: give it finite limits, "
+            "for example with gymnasium.wrappers.RescaleAction or ClipAction around a bounded Box"
+        )
+    return action_space
+
+
+def require_vector_observation(observation_space: spaces.Space) -> spaces.Box:
+    """
+    :param observation_space: of the real environment
+    :raises ValueError: unless it is a one-dimensional Box of floats
+    """
+    if not isinstance(observation_space, spaces.Box):
+        raise ValueError(
+            f"the observation space is {observation_space}: a dynamics model needs a vector of floats; "
+            "wrap the environment with gymnasium.wrappers.FlattenObservation"
+        )
+    if len(observation_space.shape) != 1 or not np.issubdtype(observation_space.dtype, np.floating):
+        raise ValueError(
+            f"the observation space has shape {observation_space.shape} and dtype {observation_space.dtype}: a dynamics "
+            "model needs a vector of floats; images are not supported, expose the state instead"
+        )
+    return observation_space
+
+
+def widen(action_space: spaces.Box, hallucinated_dim: int) -> spaces.Box:
+    """
+    Append room for a′ to the real action space.
+
+    :param action_space: of the real environment, q dimensions
+    :param hallucinated_dim: number of dimensions of a′, each in [-1, 1]
+    :return: a Box of q + hallucinated_dim dimensions
+    """
+    ones = np.ones(hallucinated_dim, dtype=action_space.low.dtype)
+    return spaces.Box(
+        np.concatenate([action_space.low, -ones]),
+        np.concatenate([action_space.high, ones]),
+        dtype=action_space.low.dtype.type,
+    )

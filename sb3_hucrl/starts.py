@@ -1,0 +1,81 @@
+"""Where imagined trajectories begin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch as th
+
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.tasks.base import Task
+
+#: how far inflated states reach beyond the visited ones, in standard deviations of the visited states
+INFLATION = 2.0
+
+
+class StartStates:
+    """
+    A mixture of start distributions (appendix C.1: 'any exploratory distribution').
+
+    - ``initial``: where real episodes began,
+    - ``visited``: any real state so far,
+    - ``inflated``: a visited state + 2 · (the visited states' standard deviation) · standard normal noise, which
+      needs no knowledge of the task,
+    - ``exploratory``: the task's own distribution, where it has one.
+
+    :param dataset: the real transitions; those appended later count too
+    :param task: asked for its exploratory states
+    :param weights: relative weight of each kind; by default one each for initial, visited, and exploratory, or
+        inflated where the task has no exploratory states
+    :raises ValueError: if a kind is unknown or impossible, a weight negative, or no weight positive
+    """
+
+    KINDS = ("initial", "visited", "inflated", "exploratory")
+
+    def __init__(self, dataset: TransitionDataset, task: Task, weights: Mapping[str, float] | None = None) -> None:
+        explores = task.exploratory_states(1, None) is not None
+        if weights is None:
+            weights = {"initial": 1.0, "visited": 1.0, ("exploratory" if explores else "inflated"): 1.0}
+        unknown = sorted(set(weights) - set(self.KINDS))
+        if unknown:
+            raise ValueError(f"unknown start states {unknown}: choose from {list(self.KINDS)}")
+        if min(weights.values(), default=0.0) < 0 or sum(weights.values()) <= 0:
+            raise ValueError(f"start-state weights are {dict(weights)}: give none below 0 and at least one above")
+        if weights.get("exploratory", 0) > 0 and not explores:
+            raise ValueError(
+                f"{type(task).__name__} has no exploratory states: use 'inflated' instead, or override "
+                "Task.exploratory_states"
+            )
+        self._dataset = dataset
+        self._task = task
+        self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
+
+    def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
+        """
+        :param n: how many
+        :param generator: draws them, on the CPU
+        :return: states of shape (n, p), and whether each is an initial one, shape (n,)
+        :raises ValueError: if there are no real transitions yet
+        """
+        if len(self._dataset) == 0:
+            raise ValueError("imagination starts from real states, and there are none yet: append a real episode first")
+        kinds = th.multinomial(self._weights, n, replacement=True, generator=generator)
+        states = th.empty(n, self._dataset.state_dim)
+        for index, kind in enumerate(self.KINDS):
+            chosen = kinds == index
+            count = int(chosen.sum())
+            if count:
+                states[chosen] = self._draw(kind, count, generator)
+        return states, kinds == self.KINDS.index("initial")
+
+    def _draw(self, kind: str, n: int, generator: th.Generator | None) -> th.Tensor:
+        if kind == "exploratory":
+            states = self._task.exploratory_states(n, generator)
+            assert states is not None  # checked in the constructor
+            return states
+        pool = self._dataset.initial_states if kind == "initial" else self._dataset.transitions.states
+        states = pool[th.randint(len(pool), (n,), generator=generator)]
+        if kind == "inflated":
+            noise = th.randn(states.shape, generator=generator)
+            states = states + INFLATION * pool.std(dim=0, correction=0) * noise
+        return states

@@ -1,0 +1,33 @@
+# setup.py turns this file into the one line of sb3_hucrl_zoo.pth, which Python runs at every start. So it imports
+# nothing that is not loaded by then, keeps to builtins, and never raises.
+import os
+import sys
+
+
+class ZooFinder:
+    """Waits for rl_zoo3's experiment manager to be imported, then loads the plug-in. Finds nothing itself."""
+
+    def find_spec(self, name, path=None, target=None):  # type: ignore[no-untyped-def]  # typing would be an import
+        if name != "rl_zoo3.exp_manager":
+            return None
+        sys.meta_path.remove(self)
+        from importlib.util import find_spec
+
+        spec = find_spec(name)
+        if spec is None or spec.loader is None:
+            return None
+        run = spec.loader.exec_module
+
+        def exec_module(module):  # type: ignore[no-untyped-def]  # typing would be an import
+            run(module)
+            try:
+                import sb3_hucrl.zoo
+            except Exception as error:
+                print("sb3_hucrl: rl_zoo3 runs without the plug-in:", repr(error), file=sys.stderr)
+
+        spec.loader.exec_module = exec_module
+        return spec
+
+
+if os.environ.get("SB3_HUCRL_ZOO") != "0":
+    sys.meta_path.insert(0, ZooFinder())

@@ -1,0 +1,45 @@
+"""Room for the hallucinated action on a real environment."""
+
+from __future__ import annotations
+
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.utils import RecordConstructorArgs
+
+from sb3_hucrl.spaces import require_bounded_box, require_vector_observation, widen
+from sb3_hucrl.tasks.registry import find_task
+
+Array = npt.NDArray[np.float32]
+
+
+class HallucinationWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArgs):
+    """
+    Widens the action from a to (a, a′); the real environment never sees a′.
+
+    ``info["hallucinated_action"]`` keeps what was dropped.
+
+    :param env: continuous actions, vector observations
+    :param state_dim: dimensions p of a′; by default those of the state of the environment's registered task, and where
+        there is none, those of its observation
+    :raises ValueError: if the spaces are not of that kind
+    """
+
+    def __init__(self, env: gym.Env[Array, Array], state_dim: int | None = None) -> None:
+        RecordConstructorArgs.__init__(self, state_dim=state_dim)
+        super().__init__(env)
+        observation_space = require_vector_observation(env.observation_space)
+        action_space = require_bounded_box(env.action_space)
+        if state_dim is None:
+            task = find_task(env.unwrapped.spec)
+            state_dim = observation_space.shape[0] if task is None else task.state_dim
+        self.hallucinated_dim = state_dim
+        self._real_dim = action_space.shape[0]
+        self.action_space = widen(action_space, state_dim)
+
+    def step(self, action: Array) -> tuple[Array, SupportsFloat, bool, bool, dict[str, Any]]:
+        observation, reward, terminated, truncated, info = self.env.step(action[: self._real_dim])
+        info["hallucinated_action"] = action[self._real_dim :]
+        return observation, reward, terminated, truncated, info
