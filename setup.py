@@ -14,7 +14,7 @@ SOURCE = Path(__file__).parent / "sb3_hucrl" / "zoo" / "startup.py"
 
 def startup_line() -> str:
     """Python executes a line of a .pth file if it begins with an import."""
-    return f"import os; exec({SOURCE.read_text()!r})\n"
+    return f"import os; exec({SOURCE.read_text()!r}, {{}})\n"
 
 
 class BuildWithStartupFile(build_py):

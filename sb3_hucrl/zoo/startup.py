@@ -29,5 +29,6 @@ class ZooFinder:
         return spec
 
 
-if os.environ.get("SB3_HUCRL_ZOO") != "0":
+# Where lib64 is a link to lib, Python reads every .pth file twice.
+if os.environ.get("SB3_HUCRL_ZOO") != "0" and "ZooFinder" not in [type(finder).__name__ for finder in sys.meta_path]:
     sys.meta_path.insert(0, ZooFinder())

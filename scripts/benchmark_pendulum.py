@@ -1,0 +1,138 @@
+"""
+Real returns per real episode on HUCRL-Pendulum-v0, over seeds, action penalties, strategies and start states.
+
+Each run is ``rl_zoo3 train`` with the package's own hyperparameters, in a process of its own on one thread. Finished
+runs are appended to the CSV at once and skipped when the same command is given again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+from stable_baselines3.common.monitor import load_results
+from tqdm import tqdm
+
+ENV_ID = "HUCRL-Pendulum-v0"
+CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
+START_STATES = {
+    "exploratory": {"initial": 1, "visited": 1, "exploratory": 1},
+    "inflated": {"initial": 1, "visited": 1, "inflated": 1},
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run; its fields are columns of the CSV."""
+
+    algo: str
+    exploration: str
+    action_penalty: float
+    start_states: str
+    seed: int
+
+
+def hyperparameters(algo: str) -> dict[str, Any]:
+    """The package's own settings of the environment."""
+    text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
+    settings: dict[str, Any] = yaml.safe_load(text)[ENV_ID]
+    return settings
+
+
+def command(run: Run, folder: str) -> list[str]:
+    """The command line of a run."""
+    callback = dict(hyperparameters(run.algo)["callback"][0][CALLBACK])
+    callback |= {"exploration": run.exploration, "start_states": START_STATES[run.start_states]}
+    if run.exploration == "greedy":
+        callback.pop("exploration_kwargs", None)
+    env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{run.exploration != 'greedy'}"]
+    return [
+        *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", ENV_ID),
+        *("--seed", str(run.seed), "--num-threads", "1", "--eval-freq", "-1", "-f", folder),
+        *("--env-kwargs", *env_kwargs),
+        *("-params", f"callback:[{{'{CALLBACK}': {callback}}}]"),
+    ]
+
+
+def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
+    """Train, and return one row for each real episode; a failure is reported and has no rows."""
+    with tempfile.TemporaryDirectory() as folder:
+        started = time.perf_counter()
+        process = subprocess.run([*command(run, folder), *params], capture_output=True, text=True, check=False)
+        seconds = time.perf_counter() - started
+        if process.returncode != 0:
+            tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
+            return pd.DataFrame()
+        [path] = Path(folder).glob(f"{run.algo}/{ENV_ID}_*/")
+        returns = load_results(str(path)).r
+        rows = pd.DataFrame({"episode": range(1, len(returns) + 1), "real_return": returns.round(2)})
+        return rows.assign(**asdict(run), seconds=round(seconds), commit=commit)
+
+
+def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
+    """Per setting: the first episode with a return of at least ``solved``, and the mean of the last three."""
+    settings = ["algo", "action_penalty", "start_states", "exploration"]
+    by_run = results.sort_values("episode").groupby([*settings, "seed"])
+    never = results.episode.max() + 1
+    runs = pd.DataFrame(
+        {
+            "first": by_run.apply(lambda run: run.loc[run.real_return >= solved, "episode"].min()).fillna(never),
+            "last3": by_run.real_return.apply(lambda returns: returns.tail(3).mean()),
+        }
+    )
+    table = runs.groupby(settings).agg(
+        seeds=("first", "size"),
+        first_solved_median=("first", "median"),
+        first_solved_all=("first", lambda values: " ".join(f"{value:.0f}" for value in sorted(values))),
+        last3_median=("last3", "median"),
+        last3_min=("last3", "min"),
+        last3_max=("last3", "max"),
+    )
+    return table.round(1)
+
+
+def main() -> None:
+    """Run what is missing, then print the summary."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--algo", default="sac")
+    parser.add_argument("--exploration", nargs="+", default=["optimistic", "greedy"])
+    parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
+    parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument("--output", type=Path, default=Path("results/pendulum.csv"))
+    parser.add_argument("--solved", type=float, default=150.0, help="return that counts as solved in the summary")
+    parser.add_argument("--params", nargs="*", default=[], help="passed on to rl_zoo3 train as further -params")
+    args = parser.parse_args()
+
+    results = pd.read_csv(args.output) if args.output.exists() else pd.DataFrame()
+    done = set() if results.empty else set(results[list(Run.__annotations__)].itertuples(index=False, name=None))
+    settings = itertools.product([args.algo], args.exploration, args.penalties, args.start_states, args.seeds)
+    # Seed by seed, so that an interrupted benchmark has whole seeds.
+    runs = sorted((Run(*setting) for setting in settings if setting not in done), key=lambda run: run.seed)
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(args.jobs) as pool:
+        finished = pool.map(lambda run: execute(run, commit, args.params), runs)
+        for rows in tqdm(finished, total=len(runs), unit="run"):
+            results = pd.concat([results, rows])
+            results.to_csv(args.output, index=False)
+    if not results.empty:
+        print(summary(results, args.solved).to_string())
+
+
+if __name__ == "__main__":
+    main()

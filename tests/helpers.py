@@ -1,0 +1,106 @@
+"""Independent truths and small settings that several tests share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch as th
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_hucrl import (
+    DynamicsModel,
+    HUCRLCallback,
+    ImaginationVecEnv,
+    Prediction,
+    StartStates,
+    TransitionDataset,
+    Transitions,
+)
+from sb3_hucrl.dynamics import FitReport
+from sb3_hucrl.tasks import PendulumTask
+
+ENV_ID = "HUCRL-Pendulum-v0"
+
+
+class TruePendulum(DynamicsModel):
+    """
+    The pendulum's own equation of motion, integrated in torch, with a bias and an uncertainty to choose.
+
+    :param bias: added to the predicted mean, so that the model is wrong by it
+    :param epistemic_std: constant epistemic standard deviation
+    """
+
+    def __init__(self, bias: float = 0.0, epistemic_std: float = 0.0) -> None:
+        super().__init__(state_dim=2, action_dim=1)
+        self.bias, self.std = bias, epistemic_std
+
+    def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
+        return FitReport(0.0, len(dataset), 0.0, 0.0)
+
+    @staticmethod
+    def derivative(state: th.Tensor, action: th.Tensor) -> th.Tensor:
+        theta, omega = state.unbind(-1)
+        inertia = 0.3 * 0.5**2
+        return th.stack([omega, 9.81 / 0.5 * theta.sin() + (action[:, 0] - 0.005 * omega) / inertia], dim=-1)
+
+    def step(self, state: th.Tensor, action: th.Tensor) -> th.Tensor:
+        dt = 1 / 80
+        k1 = self.derivative(state, action)
+        k2 = self.derivative(state + dt / 2 * k1, action)
+        k3 = self.derivative(state + dt / 2 * k2, action)
+        k4 = self.derivative(state + dt * k3, action)
+        return state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        mean = self.step(state, action) + self.bias
+        return Prediction(mean, th.full_like(mean, self.std), th.zeros_like(mean))
+
+
+def random_transitions(n: int, seed: int = 0) -> Transitions:
+    """n real pendulum transitions from independent random states."""
+    generator = th.Generator().manual_seed(seed)
+    states = th.stack([(th.rand(n, generator=generator) * 2 - 1) * math.pi, th.randn(n, generator=generator) * 5], dim=1)
+    actions = th.rand(n, 1, generator=generator) * 2 - 1
+    next_states = TruePendulum().step(states, actions)
+    rewards = PendulumTask().reward(states, actions, next_states)
+    return Transitions(states, actions, next_states, rewards, th.zeros(n, dtype=th.bool))
+
+
+def pendulum_dataset(n: int = 400, seed: int = 0) -> TransitionDataset:
+    """A dataset with one 'episode' of random transitions."""
+    dataset = TransitionDataset(state_dim=2, action_dim=1, seed=seed)
+    dataset.append_episode(random_transitions(n, seed))
+    return dataset
+
+
+def hanging_start() -> StartStates:
+    """Imagination that begins where the real pendulum begins, and nowhere else."""
+    dataset = TransitionDataset(state_dim=2, action_dim=1)
+    start = th.tensor([[math.pi, 0.0]])
+    dataset.append_episode(Transitions(start, th.zeros(1, 1), start, th.zeros(1), th.zeros(1, dtype=th.bool)))
+    return StartStates(dataset, PendulumTask(), {"initial": 1.0})
+
+
+def imagination_env(n_envs: int = 4, **env_kwargs: Any) -> ImaginationVecEnv:
+    """Real pendulums, ready to be imagined."""
+    return ImaginationVecEnv(make_vec_env(ENV_ID, n_envs, seed=0, env_kwargs=env_kwargs))
+
+
+def small_callback(**kwargs: Any) -> HUCRLCallback:
+    """A loop that takes a second or two: short imagination, little fitting."""
+    settings = {"imagined_steps": 80, "horizon": 10, "dynamics_kwargs": {"gradient_steps": 20, "net_arch": [16]}}
+    return HUCRLCallback(**{**settings, **kwargs})
+
+
+def small_sac(env: ImaginationVecEnv | None = None, seed: int = 0, **kwargs: Any) -> SAC:
+    """SAC that learns little, but fast."""
+    settings: dict[str, Any] = {"batch_size": 16, "policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000}
+    return SAC("MlpPolicy", env or imagination_env(), seed=seed, device="cpu", **{**settings, **kwargs})
+
+
+def random_actions(n: int, dim: int, seed: int = 0) -> np.ndarray:
+    """Uniform in [-1, 1], float32, shape (n, dim)."""
+    return np.random.default_rng(seed).uniform(-1, 1, (n, dim)).astype(np.float32)

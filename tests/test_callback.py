@@ -1,0 +1,294 @@
+"""The outer loop: real episodes, refits, search; saving and going on; bad input."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import pytest
+import torch as th
+from gymnasium.wrappers import TimeLimit
+from helpers import ENV_ID, imagination_env, small_callback, small_sac
+from stable_baselines3 import A2C, PPO, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import load_results
+from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+
+from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
+from sb3_hucrl.envs import PendulumEnv
+from sb3_hucrl.tasks import PendulumTask
+
+
+def state_of(model: BaseAlgorithm) -> HUCRLState:
+    state = vars(model)["hucrl"]
+    assert isinstance(state, HUCRLState)
+    return state
+
+
+def test_counts_real_and_imagined_steps_and_leaves_the_environment_real() -> None:
+    env = imagination_env()
+    model = small_sac(env).learn(240, callback=small_callback(initial_episodes=2))
+    state = state_of(model)
+    # Two random episodes, then one after each of three searches of 80 steps.
+    assert state.real_episodes == 5
+    assert len(state.dataset) == 5 * 400
+    assert model.num_timesteps == 240
+    assert env.imagination is None
+    assert env.get_attr("total_steps") == [2_000, 0, 0, 0]
+
+
+def test_rounds_a_search_up_and_ends_the_last_one_with_training() -> None:
+    model = small_sac().learn(100, callback=small_callback(real_episodes=2))
+    # One random episode, two after 80 steps, two at the end after the remaining 20.
+    assert state_of(model).real_episodes == 5
+
+
+def test_monitor_and_progress_files_hold_the_real_episodes_in_order(tmp_path: Path) -> None:
+    env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, monitor_dir=str(tmp_path)))
+    small_sac(env).learn(160, callback=small_callback(log_dir=str(tmp_path)))
+    monitor = load_results(str(tmp_path))
+    assert monitor.l.tolist() == [400] * 3
+    progress = pd.read_csv(tmp_path / "progress.csv").dropna(subset=["real/return"])
+    assert progress["real/episode"].tolist() == [1, 2, 3]
+    assert progress["real/steps"].tolist() == [400, 800, 1200]
+    np.testing.assert_allclose(progress["real/return"], monitor.r, atol=1e-3)
+    later = progress.iloc[1:][["imagined/return", "imagined/epistemic_std", "dynamics/holdout_nll"]]
+    assert np.isfinite(later.to_numpy(dtype=float)).all()
+    assert (progress[["time/rollout_seconds", "time/fit_seconds"]].to_numpy() > 0).all()
+
+
+def test_logs_to_tensorboard_too(tmp_path: Path) -> None:
+    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    model = small_sac()
+    model.set_logger(configure(str(tmp_path), ["tensorboard"]))
+    model.learn(160, callback=small_callback())
+    events = event_accumulator.EventAccumulator(str(tmp_path)).Reload()
+    assert [event.value for event in events.Scalars("real/episode")] == [1, 2, 3]
+
+
+def test_same_seed_gives_identical_real_returns(tmp_path: Path) -> None:
+    returns = []
+    for run in ("a", "b"):
+        env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=7, monitor_dir=str(tmp_path / run)))
+        small_sac(env, seed=7).learn(240, callback=small_callback())
+        returns.append(load_results(str(tmp_path / run)).r.tolist())
+    assert returns[0] == returns[1]
+    assert len(set(returns[0])) > 1
+
+
+@pytest.mark.parametrize("algorithm", [SAC, TD3, PPO, A2C])
+@pytest.mark.parametrize("normalize", [False, True])
+def test_drives_on_and_off_policy_algorithms_with_and_without_normalisation(
+    algorithm: type[BaseAlgorithm], normalize: bool
+) -> None:
+    env: Any = imagination_env()
+    env = VecNormalize(env) if normalize else env
+    kwargs: dict[str, Any] = {"n_steps": 10} if algorithm in (PPO, A2C) else {"batch_size": 16}
+    if algorithm is PPO:
+        kwargs["batch_size"] = 20
+    model = algorithm("MlpPolicy", env, seed=0, device="cpu", **kwargs).learn(160, callback=small_callback())
+    assert state_of(model).real_episodes == 3
+
+
+def test_search_starts_afresh_after_a_refit() -> None:
+    model = small_sac()
+    starts = []
+
+    class Spy(HUCRLCallback):
+        def _start_search(self) -> None:
+            super()._start_search()
+            assert model.replay_buffer is not None
+            starts.append((model.num_timesteps, model.replay_buffer.size(), self._imagination.lengths.max()))
+
+    model.learn(160, callback=Spy(imagined_steps=80, horizon=50, dynamics_kwargs={"gradient_steps": 5}))
+    assert starts == [(0, 0, 0), (80, 0, 0)]
+
+
+def test_greedy_needs_no_room_for_hallucination() -> None:
+    model = small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback(exploration="greedy"))
+    assert model.action_space.shape == (1,)
+    assert state_of(model).real_episodes == 2
+
+
+def test_learns_what_the_model_is_asked_to_learn() -> None:
+    model = small_sac().learn(
+        80, callback=small_callback(initial_episodes=4, dynamics_kwargs={"gradient_steps": 1_000})
+    )
+    state = state_of(model)
+    held = state.dataset.holdout
+    with th.no_grad():
+        mean = state.dynamics.predict(held.states, held.actions).mean
+    residual = (mean - held.next_states)[:, 1].square().mean()
+    assert residual < 0.02 * (held.next_states - held.states)[:, 1].square().mean()
+
+
+def test_save_and_load_keep_model_data_and_counters_and_go_on(tmp_path: Path) -> None:
+    model = small_sac().learn(160, callback=small_callback())
+    model.save(tmp_path / "model")
+    loaded = SAC.load(tmp_path / "model", env=imagination_env(), device="cpu")
+    before, after = state_of(model), state_of(loaded)
+    th.testing.assert_close(after.dataset.transitions.next_states, before.dataset.transitions.next_states)
+    for key, value in before.dynamics.state_dict().items():
+        assert th.equal(after.dynamics.state_dict()[key], value)
+    assert after.real_episodes == 3
+    loaded.learn(80, callback=small_callback())
+    assert state_of(loaded).real_episodes == 4
+    kept = state_of(loaded).dataset.transitions.states[: len(before.dataset)]
+    assert th.equal(kept, before.dataset.transitions.states)
+
+
+def test_a_second_learn_goes_on_too() -> None:
+    model, callback = small_sac(), small_callback()
+    model.learn(80, callback=callback)
+    model.learn(80, callback=callback, reset_num_timesteps=False)
+    assert state_of(model).real_episodes == 3
+    assert model.num_timesteps == 160
+
+
+def test_ending_twice_changes_nothing() -> None:
+    callback = small_callback()
+    model = small_sac().learn(80, callback=callback)
+    callback.on_training_end()
+    assert state_of(model).real_episodes == 2
+
+
+def test_an_interrupted_search_is_not_played_for_real() -> None:
+    class Interrupt(HUCRLCallback):
+        def _on_step(self) -> bool:
+            if self.num_timesteps == 40:
+                raise KeyboardInterrupt
+            return True
+
+    callback, env = Interrupt(imagined_steps=80, dynamics_kwargs={"gradient_steps": 5}), imagination_env()
+    model = small_sac(env)
+    with pytest.raises(KeyboardInterrupt):
+        model.learn(160, callback=callback)
+    callback.on_training_end()
+    assert state_of(model).real_episodes == 1
+    assert env.imagination is None
+
+
+SCRIPT = """
+import sys
+from helpers import imagination_env, small_callback, small_sac
+from stable_baselines3.common.callbacks import CheckpointCallback
+checkpoints = CheckpointCallback(25, sys.argv[1])
+small_sac(imagination_env()).learn(1_000_000, callback=[small_callback(), checkpoints])
+"""
+
+
+def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)], cwd=Path(__file__).parent)
+    deadline = time.monotonic() + 120
+    while len(checkpoints := sorted(tmp_path.glob("*.zip"), key=lambda path: path.stat().st_mtime)) < 4:
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    # The newest file may have been cut off while it was written; the one before it is whole.
+    model = SAC.load(checkpoints[-2], env=imagination_env(), device="cpu")
+    saved = state_of(model).dataset.transitions
+    episodes = state_of(model).real_episodes
+    assert len(saved) == 400 * episodes > 0
+    model.learn(80, callback=small_callback())
+    now = state_of(model).dataset.transitions
+    assert th.equal(now.states[: len(saved)], saved.states)
+    assert state_of(model).real_episodes == episodes + 1
+
+
+def test_a_checkpoint_of_other_dimensions_is_refused() -> None:
+    model = small_sac().learn(80, callback=small_callback())
+
+    class WiderTask(PendulumTask):
+        state_dim = 3
+
+    with pytest.raises(ValueError, match=r"dimensions \(2, 1\), this environment has \(3, 1\)"):
+        model.learn(80, callback=small_callback(task=WiderTask()))
+
+
+def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() -> None:
+    env = imagination_env()
+    with pytest.raises(ValueError, match="predicts 3 state dimensions, PendulumTask has 2"):
+        small_sac(env).learn(80, callback=small_callback(dynamics=ProbabilisticEnsemble(3, 1)))
+    assert env.get_attr("total_steps")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"initial_episodes": 0}, "initial_episodes is 0: give at least 1"),
+        ({"real_episodes": 0}, "real_episodes is 0"),
+        ({"imagined_steps": 0}, "imagined_steps is 0"),
+        ({"horizon": 0}, "horizon is 0"),
+        ({"exploration": "bold"}, "unknown exploration 'bold'"),
+        ({"exploration_kwargs": {"beta": -2}}, "beta is -2"),
+    ],
+)
+def test_bad_settings_are_refused_at_once(kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        HUCRLCallback(**kwargs)
+
+
+def test_bad_stacks_are_refused_with_advice() -> None:
+    with pytest.raises(ValueError, match="found no ImaginationVecEnv"):
+        SAC("MlpPolicy", make_vec_env(ENV_ID, 4)).learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="n_envs is 1: .* make 32"):
+        SAC("MlpPolicy", imagination_env(1)).learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="VecFrameStack.* wrap ImaginationVecEnv"):
+        SAC("MlpPolicy", VecFrameStack(imagination_env(), 2)).learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="Greedy adds 0.*HallucinationWrapper"):
+        small_sac().learn(80, callback=small_callback(exploration="greedy"))
+    with pytest.raises(ValueError, match="Optimistic adds 2.*HallucinationWrapper"):
+        small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback())
+
+
+def test_an_environment_without_time_limit_or_task_is_refused_with_advice() -> None:
+    unknown = ImaginationVecEnv(make_vec_env("MountainCarContinuous-v0", 2, wrapper_class=HallucinationWrapper))
+    with pytest.raises(ValueError, match="no task .* is known for MountainCarContinuous-v0"):
+        small_sac(unknown).learn(80, callback=small_callback())
+    endless = ImaginationVecEnv(make_vec_env(lambda: HallucinationWrapper(PendulumEnv(), 2), 2))
+    with pytest.raises(ValueError, match="no time limit"):
+        small_sac(endless).learn(80, callback=small_callback(task=PendulumTask()))
+
+
+class Broken(gym.Wrapper):
+    """Returns a non-finite observation or reward in step 3."""
+
+    def __init__(self, env: gym.Env, what: str) -> None:
+        super().__init__(env)
+        self.what, self.steps = what, 0
+
+    def step(self, action: Any) -> Any:
+        observation, reward, *rest = self.env.step(action)
+        self.steps += 1
+        if self.steps == 3:
+            if self.what == "reward":
+                reward = float("inf")
+            else:
+                observation = observation * np.nan
+        return observation, reward, *rest
+
+
+@pytest.mark.parametrize("what", ["reward", "observation"])
+def test_non_finite_real_values_stop_the_run_and_name_the_step(what: str) -> None:
+    env = ImaginationVecEnv(make_vec_env(lambda: Broken(gym.make(ENV_ID), what), 2))
+    with pytest.raises(ValueError, match=f"real environment returned {what} .* at step 3"):
+        small_sac(env).learn(80, callback=small_callback())
+
+
+def test_time_limit_wrapper_is_time_limit_enough() -> None:
+    env = ImaginationVecEnv(
+        make_vec_env(lambda: HallucinationWrapper(TimeLimit(gym.make("Pendulum-v1").unwrapped, 30)), 2)
+    )
+    model = small_sac(env).learn(80, callback=small_callback())
+    assert len(state_of(model).dataset) == 60

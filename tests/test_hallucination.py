@@ -1,0 +1,76 @@
+"""Room for a′ on the real environment."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env as gymnasium_check_env
+from gymnasium.wrappers import TransformObservation
+from helpers import ENV_ID
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from sb3_hucrl import HallucinationWrapper
+
+
+def test_passes_both_env_checks() -> None:
+    env = HallucinationWrapper(gym.make("Pendulum-v1", render_mode="rgb_array"))
+    gymnasium_check_env(env, skip_render_check=True)
+    sb3_check_env(env)
+
+
+def test_widens_by_the_tasks_state_and_by_the_observation_where_there_is_no_task() -> None:
+    known = HallucinationWrapper(gym.make("Pendulum-v1"))
+    np.testing.assert_array_equal(known.action_space.high, [2, 1, 1])
+    unknown = HallucinationWrapper(gym.make("MountainCarContinuous-v0"))
+    assert unknown.action_space.shape == (1 + 2,)
+    assert HallucinationWrapper(gym.make("Pendulum-v1"), state_dim=3).action_space.shape == (4,)
+
+
+def test_the_hallucinated_action_never_reaches_the_real_environment() -> None:
+    plain, wrapped = (gym.make(ENV_ID, hallucinate=hallucinate) for hallucinate in (False, True))
+    rng = np.random.default_rng(0)
+    plain.reset(seed=0)
+    wrapped.reset(seed=0)
+    for _ in range(100):
+        action = rng.uniform(-1, 1, 3).astype(np.float32)
+        expected = plain.step(action[:1])
+        outcome = wrapped.step(action)
+        np.testing.assert_array_equal(outcome[0], expected[0])
+        assert outcome[1:4] == expected[1:4]
+        np.testing.assert_array_equal(outcome[4]["hallucinated_action"], action[1:])
+
+
+class OddSpaces(gym.Env):
+    """An environment with the given spaces, which is never stepped."""
+
+    def __init__(self, observation_space: spaces.Space, action_space: spaces.Space) -> None:
+        self.observation_space, self.action_space = observation_space, action_space
+
+
+VECTOR, TORQUE = spaces.Box(-1, 1, (3,)), spaces.Box(-1, 1, (1,))
+
+
+@pytest.mark.parametrize(
+    ("observation_space", "action_space", "message"),
+    [
+        (VECTOR, spaces.Discrete(2), r"action space is Discrete\(2\).* needs continuous actions"),
+        (VECTOR, spaces.Box(-np.inf, np.inf, (1,)), "is unbounded: give it finite limits"),
+        (VECTOR, spaces.Box(-1, 1, (2, 2)), r"shape \(2, 2\): flatten it"),
+        (spaces.Discrete(4), TORQUE, r"observation space is Discrete\(4\)"),
+        (spaces.Dict(position=VECTOR), TORQUE, "FlattenObservation"),
+        (spaces.Box(0, 255, (64, 64, 3), dtype=np.uint8), TORQUE, "images are not supported"),
+    ],
+)
+def test_other_spaces_are_refused_with_advice(
+    observation_space: spaces.Space, action_space: spaces.Space, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        HallucinationWrapper(OddSpaces(observation_space, action_space))
+
+
+def test_wraps_environments_that_are_wrapped_already() -> None:
+    inner = gym.make("Pendulum-v1")
+    env = HallucinationWrapper(TransformObservation(inner, lambda observation: observation, inner.observation_space))
+    assert env.action_space.shape == (3,)
+    assert env.spec is not None
+    assert env.spec.id == "Pendulum-v1"

@@ -1,0 +1,187 @@
+"""Imagined rollouts against the true dynamics."""
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
+
+from sb3_hucrl import DynamicsModel, ExplorationStrategy, Greedy, Optimistic, ProbabilisticEnsemble, StartStates
+from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.tasks import PendulumTask
+
+
+def imagine(
+    model: DynamicsModel, strategy: ExplorationStrategy, num_envs: int = 1, horizon: int = 400, seed: int = 0
+) -> Imagination:
+    action_dim = 1 + strategy.hallucinated_dim(2)
+    return Imagination(
+        model, strategy, PendulumTask(), hanging_start(), horizon, num_envs, spaces.Box(-1, 1, (action_dim,)), seed
+    )
+
+
+def real_trajectory(torques: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    env = gym.make(ENV_ID, hallucinate=False)
+    env.reset()
+    steps = [env.step(torque) for torque in torques]
+    return np.stack([step[0] for step in steps]), np.array([step[1] for step in steps])
+
+
+@pytest.mark.parametrize("strategy", [Optimistic(beta=3.0), Greedy()])
+def test_true_dynamics_without_uncertainty_give_the_real_trajectory(strategy: ExplorationStrategy) -> None:
+    actions = random_actions(400, 1 + strategy.hallucinated_dim(2))
+    observations, rewards = real_trajectory(actions[:, :1])
+    imagination = imagine(TruePendulum(), strategy)
+    imagination.reset()
+    for action, observation, reward in zip(actions, observations, rewards, strict=True):
+        step = imagination.step(action[None])
+        np.testing.assert_allclose(step.observations[0], observation, atol=1e-2)
+        assert step.rewards[0] == pytest.approx(reward, abs=1e-2)
+
+
+def test_the_eta_of_lemma_1_turns_a_calibrated_model_into_the_real_system() -> None:
+    beta, model = 2.0, TruePendulum(bias=0.03, epistemic_std=0.02)
+    torques = random_actions(100, 1)
+    observations, _ = real_trajectory(torques)
+    imagination = imagine(model, Optimistic(beta))
+    imagination.reset()
+    state = th.tensor([[math.pi, 0.0]])
+    for torque, observation in zip(torques, observations, strict=True):
+        prediction, true_next = model.predict(state, th.as_tensor(torque[None])), None
+        true_next = model.step(state, th.as_tensor(torque[None]))
+        eta = (true_next - prediction.mean) / (beta * prediction.epistemic_std)
+        assert (eta.abs() <= 1).all()
+        step = imagination.step(np.concatenate([torque, eta[0].numpy()])[None])
+        np.testing.assert_allclose(step.observations[0], observation, atol=2e-3)
+        state = true_next
+
+
+def test_without_eta_the_same_model_goes_astray() -> None:
+    torques = random_actions(100, 1)
+    observations, _ = real_trajectory(torques)
+    imagination = imagine(TruePendulum(bias=0.03, epistemic_std=0.02), Optimistic(beta=2.0))
+    imagination.reset()
+    for torque in torques:
+        step = imagination.step(np.concatenate([torque, [0.0, 0.0]]).astype(np.float32)[None])
+    assert np.abs(step.observations[0] - observations[-1]).max() > 0.3
+
+
+def test_the_hallucinated_action_moves_the_state_but_not_the_reward_and_is_clipped() -> None:
+    imagination = imagine(TruePendulum(epistemic_std=0.5), Optimistic(beta=1.0), num_envs=4)
+    imagination.reset()
+    actions = np.array([[0.6, 0, 0], [0.6, 1, -1], [0.6, 1, 1], [0.6, 40, 40]], dtype=np.float32)
+    step = imagination.step(actions)
+    omegas = step.observations[:, 2]
+    np.testing.assert_allclose(omegas - omegas[0], [0, -0.5, 0.5, 0.5], atol=1e-5)
+    np.testing.assert_allclose(step.rewards, step.rewards[0])
+
+
+def test_a_negative_penalty_of_a_prime_cannot_exist_because_the_task_never_sees_it() -> None:
+    seen = []
+
+    class Recorder(PendulumTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            seen.append(action.shape)
+            return super().reward(state, action, next_state)
+
+    imagination = Imagination(
+        TruePendulum(), Optimistic(), Recorder(), hanging_start(), 5, 2, spaces.Box(-1, 1, (3,)), seed=0
+    )
+    imagination.reset()
+    imagination.step(np.ones((2, 3), dtype=np.float32))
+    assert seen == [(2, 1)]
+
+
+def test_horizon_truncates_and_returns_are_noted() -> None:
+    imagination = imagine(TruePendulum(), Greedy(), num_envs=3, horizon=4)
+    imagination.reset()
+    rewards = np.zeros(3)
+    for length in range(1, 5):
+        step = imagination.step(np.full((3, 1), 0.5, dtype=np.float32))
+        rewards += step.rewards
+        assert (step.truncated == (length == 4)).all()
+        assert not step.terminated.any()
+    np.testing.assert_allclose(imagination.initial_returns, rewards, rtol=1e-6)
+
+
+def test_seed_decides_everything() -> None:
+    def run(seed: int) -> np.ndarray:
+        dataset = pendulum_dataset()
+        model = ProbabilisticEnsemble(2, 1, (0,), gradient_steps=5, generator=th.Generator().manual_seed(0))
+        model.fit(dataset, th.Generator().manual_seed(0))
+        starts = StartStates(dataset, PendulumTask())
+        imagination = Imagination(
+            model, Optimistic(), PendulumTask(), starts, 50, 8, spaces.Box(-1, 1, (3,)), seed
+        )
+        imagination.reset()
+        for _ in range(5):
+            step = imagination.step(np.zeros((8, 3), dtype=np.float32))
+        return step.observations
+
+    np.testing.assert_array_equal(run(1), run(1))
+    assert (run(1) != run(2)).any()
+
+
+def test_epistemic_std_is_the_mean_over_steps() -> None:
+    imagination = imagine(TruePendulum(epistemic_std=0.25), Optimistic(), num_envs=2)
+    imagination.reset()
+    for _ in range(3):
+        imagination.step(np.zeros((2, 3), dtype=np.float32))
+    assert imagination.epistemic_std == pytest.approx(0.25)
+
+
+def test_bad_input_says_what_to_do() -> None:
+    with pytest.raises(ValueError, match="horizon is 0"):
+        imagine(TruePendulum(), Greedy(), horizon=0)
+    with pytest.raises(ValueError, match=r"predicts 3 state dimensions, PendulumTask has 2.*state_dim=2"):
+        imagine(ProbabilisticEnsemble(3, 1), Greedy())
+    with pytest.raises(ValueError, match=r"takes 2 and Optimistic adds 2.*HallucinationWrapper"):
+        imagine(ProbabilisticEnsemble(2, 2), Optimistic())
+    with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
+        imagine(TruePendulum(), Greedy()).step(np.zeros((1, 1), dtype=np.float32))
+
+
+def test_divergence_names_variable_step_and_trajectory() -> None:
+    model = TruePendulum()
+    imagination = imagine(model, Greedy(), num_envs=2)
+    imagination.reset()
+    imagination.step(np.zeros((2, 1), dtype=np.float32))
+    model.bias = float("nan")
+    with pytest.raises(ValueError, match="imagined observation is .* at step 2 of trajectory 0"):
+        imagination.step(np.zeros((2, 1), dtype=np.float32))
+
+
+def test_start_states_come_in_the_asked_proportions() -> None:
+    dataset = pendulum_dataset(500)
+    starts = StartStates(dataset, PendulumTask(), {"initial": 1, "visited": 2, "inflated": 1})
+    states, initial = starts.sample(4_000, th.Generator().manual_seed(0))
+    assert abs(float(initial.float().mean()) - 0.25) < 0.04
+    assert (states[initial] == dataset.initial_states[0]).all()
+    visited = {tuple(state.tolist()) for state in dataset.transitions.states}
+    share = np.mean([tuple(state.tolist()) in visited for state in states])
+    assert abs(share - 0.75) < 0.04
+    assert float(states[:, 1].std()) > 1.2 * float(dataset.transitions.states[:, 1].std())
+
+
+def test_start_states_default_to_what_the_task_knows() -> None:
+    class Plain(PendulumTask):
+        def exploratory_states(self, n: int, generator: th.Generator | None) -> None:  # type: ignore[override]  # none
+            return None
+
+    dataset = pendulum_dataset(50)
+    assert StartStates(dataset, PendulumTask())._weights.tolist() == [1, 1, 0, 1]
+    assert StartStates(dataset, Plain())._weights.tolist() == [1, 1, 1, 0]
+    with pytest.raises(ValueError, match="Plain has no exploratory states: use 'inflated'"):
+        StartStates(dataset, Plain(), {"exploratory": 1})
+
+
+def test_bad_start_states_say_what_to_do() -> None:
+    dataset = pendulum_dataset(50)
+    with pytest.raises(ValueError, match=r"unknown start states \['anywhere'\]"):
+        StartStates(dataset, PendulumTask(), {"anywhere": 1})
+    for weights in ({}, {"initial": 0}, {"initial": 2, "visited": -1}):
+        with pytest.raises(ValueError, match="give none below 0 and at least one above"):
+            StartStates(dataset, PendulumTask(), weights)
