@@ -11,8 +11,6 @@ from sb3_hucrl.state import HUCRLState
 from sb3_hucrl.tasks import Task, register_task
 from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv
 
-
-
 __all__ = [
     "DynamicsModel",
     "ExplorationStrategy",

@@ -23,7 +23,6 @@ from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState, attach_state, get_state
 from sb3_hucrl.tasks import Task, require_task
-from sb3_hucrl.wrappers.imagination import ImaginationVecEnv
 
 
 class HUCRLCallback(BaseCallback):
@@ -70,7 +69,11 @@ class HUCRLCallback(BaseCallback):
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
-        counts = {"imagined_steps": imagined_steps, "initial_episodes": initial_episodes, "real_episodes": real_episodes}
+        counts = {
+            "imagined_steps": imagined_steps,
+            "initial_episodes": initial_episodes,
+            "real_episodes": real_episodes,
+        }
         if horizon is not None:
             counts["horizon"] = horizon
         for name, value in counts.items():
@@ -150,7 +153,8 @@ class HUCRLCallback(BaseCallback):
         return self._real_env.has_attr("hallucinated_dim")
 
     def _begin(self) -> HUCRLState:
-        seed = self.model.seed if self.model.seed is not None else int(np.random.randint(2**31))
+        # Without a seed of its own the model drew from torch's global generator, and so does this.
+        seed = self.model.seed if self.model.seed is not None else int(th.randint(2**31, ()))
         generator = th.Generator().manual_seed(seed)
         dataset_seed = int(th.randint(2**31, (), generator=generator))
         dataset = TransitionDataset(self._task.state_dim, self._action_dim, seed=dataset_seed)

@@ -37,8 +37,8 @@ def require_vector_observation(observation_space: spaces.Space) -> spaces.Box:
         )
     if len(observation_space.shape) != 1 or not np.issubdtype(observation_space.dtype, np.floating):
         raise ValueError(
-            f"the observation space has shape {observation_space.shape} and dtype {observation_space.dtype}: a dynamics "
-            "model needs a vector of floats; images are not supported, expose the state instead"
+            f"the observation space has shape {observation_space.shape} and dtype {observation_space.dtype}: a "
+            "dynamics model needs a vector of floats; images are not supported, expose the state instead"
         )
     return observation_space
 

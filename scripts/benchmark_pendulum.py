@@ -12,7 +12,6 @@ import itertools
 import subprocess
 import sys
 import tempfile
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.resources import files
@@ -68,16 +67,14 @@ def command(run: Run, folder: str) -> list[str]:
 def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
     """Train, and return one row for each real episode; a failure is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
-        started = time.perf_counter()
         process = subprocess.run([*command(run, folder), *params], capture_output=True, text=True, check=False)
-        seconds = time.perf_counter() - started
         if process.returncode != 0:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
             return pd.DataFrame()
         [path] = Path(folder).glob(f"{run.algo}/{ENV_ID}_*/")
         returns = load_results(str(path)).r
         rows = pd.DataFrame({"episode": range(1, len(returns) + 1), "real_return": returns.round(2)})
-        return rows.assign(**asdict(run), seconds=round(seconds), commit=commit)
+        return rows.assign(**asdict(run), commit=commit)
 
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:

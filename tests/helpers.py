@@ -62,7 +62,9 @@ class TruePendulum(DynamicsModel):
 def random_transitions(n: int, seed: int = 0) -> Transitions:
     """n real pendulum transitions from independent random states."""
     generator = th.Generator().manual_seed(seed)
-    states = th.stack([(th.rand(n, generator=generator) * 2 - 1) * math.pi, th.randn(n, generator=generator) * 5], dim=1)
+    states = th.stack(
+        [(th.rand(n, generator=generator) * 2 - 1) * math.pi, th.randn(n, generator=generator) * 5], dim=1
+    )
     actions = th.rand(n, 1, generator=generator) * 2 - 1
     next_states = TruePendulum().step(states, actions)
     rewards = PendulumTask().reward(states, actions, next_states)

@@ -15,7 +15,6 @@ import pandas as pd
 import pytest
 import torch as th
 from gymnasium.wrappers import TimeLimit
-from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
@@ -23,6 +22,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
+from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
 from sb3_hucrl.envs import PendulumEnv
 from sb3_hucrl.tasks import PendulumTask
@@ -242,19 +242,19 @@ def test_bad_settings_are_refused_at_once(kwargs: dict[str, Any], message: str) 
 def test_bad_stacks_are_refused_with_advice() -> None:
     with pytest.raises(ValueError, match="found no ImaginationVecEnv"):
         SAC("MlpPolicy", make_vec_env(ENV_ID, 4)).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="n_envs is 1: .* make 32"):
+    with pytest.raises(ValueError, match=r"n_envs is 1: .* make 32"):
         SAC("MlpPolicy", imagination_env(1)).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="VecFrameStack.* wrap ImaginationVecEnv"):
+    with pytest.raises(ValueError, match=r"VecFrameStack.* wrap ImaginationVecEnv"):
         SAC("MlpPolicy", VecFrameStack(imagination_env(), 2)).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="Greedy adds 0.*HallucinationWrapper"):
+    with pytest.raises(ValueError, match=r"Greedy adds 0.*HallucinationWrapper"):
         small_sac().learn(80, callback=small_callback(exploration="greedy"))
-    with pytest.raises(ValueError, match="Optimistic adds 2.*HallucinationWrapper"):
+    with pytest.raises(ValueError, match=r"Optimistic adds 2.*HallucinationWrapper"):
         small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback())
 
 
 def test_an_environment_without_time_limit_or_task_is_refused_with_advice() -> None:
     unknown = ImaginationVecEnv(make_vec_env("MountainCarContinuous-v0", 2, wrapper_class=HallucinationWrapper))
-    with pytest.raises(ValueError, match="no task .* is known for MountainCarContinuous-v0"):
+    with pytest.raises(ValueError, match=r"no task .* is known for MountainCarContinuous-v0"):
         small_sac(unknown).learn(80, callback=small_callback())
     endless = ImaginationVecEnv(make_vec_env(lambda: HallucinationWrapper(PendulumEnv(), 2), 2))
     with pytest.raises(ValueError, match="no time limit"):

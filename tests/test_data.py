@@ -4,8 +4,8 @@ import pickle
 
 import pytest
 import torch as th
-from helpers import random_transitions
 
+from helpers import random_transitions
 from sb3_hucrl import TransitionDataset, Transitions
 
 

@@ -39,9 +39,7 @@ def test_predictive_uncertainty_steers_with_the_noise_too() -> None:
 
 def test_greedy_draws_from_the_predictive_distribution_and_ignores_the_hallucinated_action() -> None:
     predicted = prediction(aleatoric=1.5, rows=20_000)
-    draws = [
-        Greedy().next_state(predicted, th.ones(20_000, dim), th.Generator().manual_seed(1)) for dim in (0, 2)
-    ]
+    draws = [Greedy().next_state(predicted, th.ones(20_000, dim), th.Generator().manual_seed(1)) for dim in (0, 2)]
     assert th.equal(draws[0], draws[1])
     error = draws[0] - predicted.mean
     assert (error.mean(dim=0).abs() < 5 * predicted.predictive_std[0] / 141).all()

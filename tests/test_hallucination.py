@@ -6,9 +6,9 @@ import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
 from gymnasium.wrappers import TransformObservation
-from helpers import ENV_ID
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
+from helpers import ENV_ID
 from sb3_hucrl import HallucinationWrapper
 
 

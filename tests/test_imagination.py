@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch as th
 from gymnasium import spaces
-from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
 
+from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
 from sb3_hucrl import DynamicsModel, ExplorationStrategy, Greedy, Optimistic, ProbabilisticEnsemble, StartStates
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.tasks import PendulumTask
@@ -113,9 +113,7 @@ def test_seed_decides_everything() -> None:
         model = ProbabilisticEnsemble(2, 1, (0,), gradient_steps=5, generator=th.Generator().manual_seed(0))
         model.fit(dataset, th.Generator().manual_seed(0))
         starts = StartStates(dataset, PendulumTask())
-        imagination = Imagination(
-            model, Optimistic(), PendulumTask(), starts, 50, 8, spaces.Box(-1, 1, (3,)), seed
-        )
+        imagination = Imagination(model, Optimistic(), PendulumTask(), starts, 50, 8, spaces.Box(-1, 1, (3,)), seed)
         imagination.reset()
         for _ in range(5):
             step = imagination.step(np.zeros((8, 3), dtype=np.float32))
@@ -150,7 +148,7 @@ def test_divergence_names_variable_step_and_trajectory() -> None:
     imagination.reset()
     imagination.step(np.zeros((2, 1), dtype=np.float32))
     model.bias = float("nan")
-    with pytest.raises(ValueError, match="imagined observation is .* at step 2 of trajectory 0"):
+    with pytest.raises(ValueError, match=r"imagined observation is .* at step 2 of trajectory 0"):
         imagination.step(np.zeros((2, 1), dtype=np.float32))
 
 

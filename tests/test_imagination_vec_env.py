@@ -6,12 +6,12 @@ import pytest
 import torch as th
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
-from helpers import ENV_ID, TruePendulum, hanging_start, imagination_env, pendulum_dataset, random_actions
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
+from helpers import ENV_ID, TruePendulum, hanging_start, imagination_env, pendulum_dataset, random_actions
 from sb3_hucrl import ImaginationVecEnv, LearnedModelEnv, Optimistic, ProbabilisticEnsemble, StartStates
 from sb3_hucrl.tasks import PendulumTask
 

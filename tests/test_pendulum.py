@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch as th
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
-from helpers import ENV_ID, TruePendulum
 from scipy.integrate import solve_ivp
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
+from helpers import ENV_ID, TruePendulum
 from sb3_hucrl.envs import PendulumEnv
 from sb3_hucrl.envs.pendulum import integrate
 from sb3_hucrl.tasks import GymnasiumPendulumTask, PendulumTask, Task, find_task, require_task, tolerance
@@ -86,7 +86,7 @@ def test_opens_a_window_without_a_screen(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_bad_arguments_say_what_to_do() -> None:
-    with pytest.raises(ValueError, match="action_penalty is -0.1"):
+    with pytest.raises(ValueError, match=r"action_penalty is -0\.1"):
         gym.make(ENV_ID, action_penalty=-0.1)
     with pytest.raises(ValueError, match="unknown render_mode 'ascii'"):
         gym.make(ENV_ID, render_mode="ascii")
@@ -123,7 +123,7 @@ def test_reward_agrees_with_the_environment_everywhere() -> None:
 
 
 def test_tolerance_is_one_inside_and_a_tenth_at_the_margin() -> None:
-    values = tolerance(th.tensor([0.0, 0.5, -0.5, 0.7, -0.7]), -0.5, 0.5, 0.2)
+    values = tolerance(th.tensor([0.0, 0.5, -0.5, 0.7, -0.7]), th.tensor(-0.5), th.tensor(0.5), th.tensor(0.2))
     th.testing.assert_close(values, th.tensor([1.0, 1.0, 1.0, 0.1, 0.1]))
 
 
@@ -147,5 +147,5 @@ def test_registry_knows_the_environments_kwargs_and_says_what_to_do_otherwise() 
     assert isinstance(task, PendulumTask)
     assert task.action_penalty == 0.7
     assert find_task(None) is None
-    with pytest.raises(ValueError, match="no task .* is known for CartPole-v1"):
+    with pytest.raises(ValueError, match=r"no task .* is known for CartPole-v1"):
         require_task(gym.make("CartPole-v1").spec)

@@ -18,24 +18,28 @@ class StateFeatures(nn.Module):
     :raises ValueError: if an index lies outside the state
     """
 
+    angle_dims: th.Tensor
+    linear_dims: th.Tensor
+
     def __init__(self, state_dim: int, angle_dims: Sequence[int] = ()) -> None:
         super().__init__()
         outside = [dim for dim in angle_dims if not 0 <= dim < state_dim]
         if outside:
             raise ValueError(f"angle_dims {outside} lie outside a state of {state_dim} dimensions")
-        self.angle_dims = list(angle_dims)
-        self.linear_dims = [dim for dim in range(state_dim) if dim not in self.angle_dims]
-        self.output_dim = len(self.linear_dims) + 2 * len(self.angle_dims)
+        linear_dims = [dim for dim in range(state_dim) if dim not in angle_dims]
+        self.register_buffer("angle_dims", th.tensor(angle_dims, dtype=th.long), persistent=False)
+        self.register_buffer("linear_dims", th.tensor(linear_dims, dtype=th.long), persistent=False)
+        self.output_dim = len(linear_dims) + 2 * len(angle_dims)
 
     def forward(self, state: th.Tensor) -> th.Tensor:
         """
         :param state: shape (..., p)
         :return: shape (..., output_dim)
         """
-        if not self.angle_dims:
+        if len(self.angle_dims) == 0:
             return state
-        angles = state[..., self.angle_dims]
-        return th.cat([angles.sin(), angles.cos(), state[..., self.linear_dims]], dim=-1)
+        angles = state.index_select(-1, self.angle_dims)
+        return th.cat([angles.sin(), angles.cos(), state.index_select(-1, self.linear_dims)], dim=-1)
 
     def difference(self, state: th.Tensor, reference: th.Tensor) -> th.Tensor:
         """
@@ -46,6 +50,5 @@ class StateFeatures(nn.Module):
         :return: shape (..., p)
         """
         delta = state - reference
-        if self.angle_dims:
-            delta[..., self.angle_dims] = (delta[..., self.angle_dims] + math.pi) % (2 * math.pi) - math.pi
+        delta[..., self.angle_dims] = (delta[..., self.angle_dims] + math.pi) % (2 * math.pi) - math.pi
         return delta

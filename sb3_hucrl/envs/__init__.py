@@ -14,9 +14,7 @@ from sb3_hucrl.wrappers.hallucination import HallucinationWrapper
 __all__ = ["PendulumEnv", "make_pendulum", "register_envs"]
 
 
-def make_pendulum(
-    hallucinate: bool = True, **kwargs: Any
-) -> gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def make_pendulum(hallucinate: bool = True, **kwargs: Any) -> gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """
     Entry point of ``HUCRL-Pendulum-v0``.
 

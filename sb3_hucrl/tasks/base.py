@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 
 import torch as th
+
+LOG_TENTH = math.log(0.1)
 
 
 class Task(ABC):
@@ -66,16 +69,15 @@ class Task(ABC):
         return None
 
 
-def tolerance(values: th.Tensor, lower: float, upper: float, margin: float) -> th.Tensor:
+def tolerance(values: th.Tensor, lower: th.Tensor, upper: th.Tensor, margin: th.Tensor) -> th.Tensor:
     """
     dm_control's gaussian tolerance: 1 within [lower, upper], 0.1 at a distance of one margin.
 
-    :param values: any shape
-    :param lower: lower end of the interval
-    :param upper: upper end of the interval
-    :param margin: distance at which the value has fallen to 0.1
+    :param values: shape (..., B)
+    :param lower: lower end of the interval, broadcast against values
+    :param upper: upper end of the interval, likewise
+    :param margin: distance at which the value has fallen to 0.1, likewise
     :return: the shape of values
     """
-    distance = values - values.clamp(lower, upper)
-    # exp(log(0.1) · (distance / margin)²)
-    return th.exp(distance.square() * (-2.302585092994046 / margin**2))
+    margins_away = (values - values.clamp(lower, upper)) / margin
+    return th.exp(LOG_TENTH * margins_away.square())

@@ -43,7 +43,7 @@ def install() -> None:
     original_init, original_create = ExperimentManager.__init__, ExperimentManager.create_callbacks
 
     @functools.wraps(original_init)
-    def __init__(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
+    def init(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
         original_init(self, args, algo, *rest, **kwargs)
         _use_our_defaults(self, algo, kwargs.get("config"))
 
@@ -52,6 +52,6 @@ def install() -> None:
         original_create(self)
         _hand_over_log_dir(self)
 
-    setattr(ExperimentManager, "__init__", __init__)  # noqa: B010  # mypy forbids assigning to a method
+    setattr(ExperimentManager, "__init__", init)  # noqa: B010  # mypy forbids assigning to a method
     setattr(ExperimentManager, "create_callbacks", create_callbacks)  # noqa: B010  # as above
     setattr(ExperimentManager, "_knows_hucrl", True)  # noqa: B010  # as above

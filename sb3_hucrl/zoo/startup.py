@@ -1,3 +1,5 @@
+"""The start-up hook of the rl_zoo3 plug-in."""
+
 # setup.py turns this file into the one line of sb3_hucrl_zoo.pth, which Python runs at every start. So it imports
 # nothing that is not loaded by then, keeps to builtins, and never raises.
 import os
@@ -21,7 +23,7 @@ class ZooFinder:
         def exec_module(module):  # type: ignore[no-untyped-def]  # typing would be an import
             run(module)
             try:
-                import sb3_hucrl.zoo
+                import sb3_hucrl.zoo  # noqa: F401  # for its effect
             except Exception as error:
                 print("sb3_hucrl: rl_zoo3 runs without the plug-in:", repr(error), file=sys.stderr)
 

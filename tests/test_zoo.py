@@ -1,0 +1,120 @@
+"""The rl_zoo3 plug-in from the command line, as a user types it."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from stable_baselines3 import SAC
+from stable_baselines3.common.monitor import load_results
+
+from helpers import ENV_ID
+
+BIN = Path(sys.executable).parent
+ZOO = str(BIN / "rl_zoo3")
+TRAIN = ["train", "--algo", "sac", "--env", ENV_ID]
+CALLBACK = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
+SMALL = [
+    *("-n", "640", "--eval-freq", "320", "--save-freq", "320", "--seed", "3", "--eval-episodes", "2"),
+    *("-params", "gradient_steps:1", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
+]
+
+
+def run(*command: str, cwd: Path, **env: str) -> str:
+    """Output of a command that succeeds, run without a screen."""
+    settings = {**os.environ, "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy", **env}
+    process = subprocess.run(command, cwd=cwd, env=settings, capture_output=True, text=True, check=False)
+    output = process.stdout + process.stderr
+    assert process.returncode == 0, output
+    return output
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a short training has left its logs."""
+    folder = tmp_path_factory.mktemp("zoo")
+    output = run(ZOO, *TRAIN, *SMALL, "-P", cwd=folder)
+    assert "zoo_hyperparams" in output
+    assert "real/" in output
+    return folder
+
+
+def run_folder(folder: Path, number: int = 1) -> Path:
+    return folder / "logs" / "sac" / f"{ENV_ID}_{number}"
+
+
+def test_training_leaves_what_zoo_users_expect(trained: Path) -> None:
+    folder = run_folder(trained)
+    names = {path.name for path in folder.iterdir()}
+    assert {f"{ENV_ID}.zip", "best_model.zip", "evaluations.npz", "progress.csv", "rl_model_640_steps.zip"} <= names
+    assert load_results(str(folder)).l.tolist() == [400, 400, 400]
+    progress = pd.read_csv(folder / "progress.csv")
+    assert progress["real/episode"].dropna().tolist() == [1, 2, 3]
+
+
+def test_prints_one_table_for_each_real_episode_and_evaluation(trained: Path) -> None:
+    rows = pd.read_csv(run_folder(trained) / "progress.csv")
+    assert len(rows) == 3 + 2
+
+
+def test_enjoy_plays_the_policy_on_the_real_pendulum(trained: Path) -> None:
+    output = run(ZOO, "enjoy", *TRAIN[1:], "--no-render", "-f", "logs", cwd=trained)
+    [first, *_] = re.findall(r"Episode Reward: (-?[\d.]+)", output)
+    assert float(first) == pytest.approx(load_results(str(run_folder(trained))).r.iloc[-1], abs=0.01)
+
+
+def test_enjoy_renders(trained: Path) -> None:
+    run(ZOO, "enjoy", *TRAIN[1:], "-f", "logs", "-n", "3", cwd=trained)
+
+
+def test_plots_draw_our_runs(trained: Path) -> None:
+    run(ZOO, "plot_train", "-a", "sac", "-e", ENV_ID, "-f", "logs", "-w", "1", cwd=trained)
+    output = run(ZOO, "all_plots", "-a", "sac", "-e", ENV_ID, "-f", "logs", "-o", "results", cwd=trained)
+    assert (trained / "results.pkl").exists(), output
+
+
+def test_resume_goes_on_with_model_and_data(trained: Path) -> None:
+    checkpoint = run_folder(trained) / f"{ENV_ID}.zip"
+    before = vars(SAC.load(checkpoint, device="cpu"))["hucrl"]
+    run(ZOO, *TRAIN, *SMALL, "-i", str(checkpoint), cwd=trained)
+    after = vars(SAC.load(run_folder(trained, 2) / f"{ENV_ID}.zip", device="cpu"))["hucrl"]
+    assert before.real_episodes == 3
+    assert after.real_episodes == 5
+    assert (after.dataset.transitions.states[:1200] == before.dataset.transitions.states).all()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        [sys.executable, "-m", "rl_zoo3.train", *TRAIN[1:]],
+        [sys.executable, "-m", "sb3_hucrl.zoo", *TRAIN],
+        [ZOO, *TRAIN, "--vec-env", "subproc"],
+    ],
+)
+def test_other_spellings_work(command: list[str], tmp_path: Path) -> None:
+    assert "zoo_hyperparams" in run(*command, *SMALL, cwd=tmp_path)
+
+
+def test_works_without_the_start_up_file_when_asked_by_name(tmp_path: Path) -> None:
+    command = [ZOO, *TRAIN, "--gym-packages", "sb3_hucrl.zoo"]
+    assert "zoo_hyperparams" in run(*command, *SMALL, cwd=tmp_path, SB3_HUCRL_ZOO="0")
+
+
+def test_can_be_switched_off(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=f"{ENV_ID} not found in gym registry"):
+        run(ZOO, *TRAIN, cwd=tmp_path, SB3_HUCRL_ZOO="0")
+
+
+def test_other_environments_are_as_they_were(tmp_path: Path) -> None:
+    outputs = []
+    for switch in ("0", "1"):
+        output = run(ZOO, "train", "--algo", "ppo", "--env", "CartPole-v1", "-n", "200", "--seed", "1", cwd=tmp_path,
+                     SB3_HUCRL_ZOO=switch)  # fmt: skip
+        outputs.append(re.sub(r"CartPole-v1_\d|(fps|time_elapsed) +\| \S+", "", output))
+    assert outputs[0] == outputs[1]
+    assert "ep_rew_mean" in outputs[0]
