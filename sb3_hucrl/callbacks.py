@@ -223,9 +223,10 @@ class HUCRLCallback(BaseCallback):
 
         def act(observation: Array, first: bool) -> Array:
             nonlocal memory
-            inputs = observation if normalizer is None else normalizer.normalize_obs(observation)
+            batch = observation[np.newaxis]
+            inputs = batch if normalizer is None else normalizer.normalize_obs(batch)
             actions, memory = self.model.predict(
-                inputs[np.newaxis], state=memory, episode_start=np.array([first]), deterministic=True
+                inputs, state=memory, episode_start=np.array([first]), deterministic=True
             )
             return actions[0]
 

@@ -14,6 +14,9 @@ from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.tasks.base import Task
 
+#: how far imagined states may leave the visited ones, in widths of their range
+REACH = 10.0
+
 
 @dataclass(frozen=True)
 class ImaginedStep:
@@ -94,6 +97,18 @@ class Imagination:
         self._start_generator = th.Generator().manual_seed(seed)
         self._noise_generator = th.Generator(self._device).manual_seed(seed)
 
+    def _plausible_range(self) -> tuple[th.Tensor, th.Tensor]:
+        """
+        A box around all visited states, wide enough never to bind while the model predicts anything sensible. It stops
+        an extrapolating ensemble from blowing up, and with it the critic. Angles and constant dimensions are free.
+        """
+        visited = self._starts.visited_states
+        low, high = visited.amin(dim=0), visited.amax(dim=0)
+        margin = REACH * (high - low)
+        margin[(margin == 0)] = th.inf
+        margin[list(self._task.angle_dims)] = th.inf
+        return (low - margin).to(self._device), (high + margin).to(self._device)
+
     @property
     def epistemic_std(self) -> float:
         """Mean epistemic standard deviation over all imagined steps and state dimensions so far."""
@@ -113,6 +128,7 @@ class Imagination:
         if indices is None:
             indices = np.arange(self.num_envs)
             self._states = states
+            self._range = self._plausible_range()
         else:
             # Not in place: an observation that was handed out may share memory with the states.
             self._states = self._states.index_copy(0, th.as_tensor(indices, device=self._device), states)
@@ -138,6 +154,7 @@ class Imagination:
         state = self._states
         prediction = self._model.predict(state, real_action)
         next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
+        next_state = next_state.clamp(*self._range)
         reward = self._task.reward(state, real_action, next_state)
         step = ImaginedStep(
             observations=self._task.observe(next_state).cpu().numpy(),

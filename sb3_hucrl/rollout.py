@@ -31,7 +31,9 @@ def collect_episode(venv: VecEnv, act: Actor, task: Task, action_dim: int) -> Tr
     :raises ValueError: if an observation or a reward is not finite
     """
     observation, _ = venv.env_method("reset", indices=0)[0]
-    observations, actions, rewards = [_finite("observation", observation, 0)], [], []
+    observations = [_finite("observation", observation, 0)]
+    actions: list[Array] = []
+    rewards: list[float] = []
     done = terminated = False
     while not done:
         action = act(observation, not actions)

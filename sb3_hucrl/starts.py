@@ -50,6 +50,11 @@ class StartStates:
         self._task = task
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
 
+    @property
+    def visited_states(self) -> th.Tensor:
+        """Every real state so far, shape (n, p)."""
+        return self._dataset.transitions.states
+
     def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
         """
         :param n: how many

@@ -10,6 +10,7 @@ from helpers import pendulum_dataset, random_transitions
 from sb3_hucrl import ProbabilisticEnsemble, TransitionDataset, Transitions
 from sb3_hucrl.dynamics import make_dynamics
 from sb3_hucrl.dynamics.calibration import calibration_error, gaussian_nll
+from sb3_hucrl.dynamics.ensemble import BatchedLinear
 from sb3_hucrl.dynamics.features import StateFeatures
 
 
@@ -68,6 +69,7 @@ def test_moments_are_those_of_the_members() -> None:
         # One member at a time, through its own weights.
         hidden = inputs
         for index, layer in enumerate(model.layers):
+            assert isinstance(layer, BatchedLinear)
             hidden = hidden @ layer.weight[member] + layer.bias[member]
             if index < len(model.layers) - 1:
                 hidden = th.nn.functional.silu(hidden)

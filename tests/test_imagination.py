@@ -9,7 +9,15 @@ import torch as th
 from gymnasium import spaces
 
 from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
-from sb3_hucrl import DynamicsModel, ExplorationStrategy, Greedy, Optimistic, ProbabilisticEnsemble, StartStates
+from sb3_hucrl import (
+    DynamicsModel,
+    ExplorationStrategy,
+    Greedy,
+    Optimistic,
+    Prediction,
+    ProbabilisticEnsemble,
+    StartStates,
+)
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.tasks import PendulumTask
 
@@ -183,3 +191,28 @@ def test_bad_start_states_say_what_to_do() -> None:
     for weights in ({}, {"initial": 0}, {"initial": 2, "visited": -1}):
         with pytest.raises(ValueError, match="give none below 0 and at least one above"):
             StartStates(dataset, PendulumTask(), weights)
+
+
+def test_an_exploding_model_is_held_near_the_data() -> None:
+    class Explosive(TruePendulum):
+        def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+            prediction = super().predict(state, action)
+            return Prediction(3 * prediction.mean, prediction.epistemic_std, prediction.aleatoric_std)
+
+    dataset = pendulum_dataset(100)
+    imagination = Imagination(
+        Explosive(),
+        Greedy(),
+        PendulumTask(),
+        StartStates(dataset, PendulumTask(), {"visited": 1}),
+        horizon=50,
+        num_envs=8,
+        action_space=spaces.Box(-1, 1, (1,)),
+        seed=0,
+    )
+    imagination.reset()
+    for _ in range(20):
+        step = imagination.step(np.zeros((8, 1), dtype=np.float32))
+    omega = dataset.transitions.states[:, 1]
+    width = float(omega.max() - omega.min())
+    assert np.abs(step.observations[:, 2]).max() == pytest.approx(10.5 * width, rel=0.1)

@@ -10,10 +10,17 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
 
 from helpers import ENV_ID, TruePendulum, hanging_start, imagination_env, pendulum_dataset, random_actions
 from sb3_hucrl import ImaginationVecEnv, LearnedModelEnv, Optimistic, ProbabilisticEnsemble, StartStates
 from sb3_hucrl.tasks import PendulumTask
+
+
+def array(observations: VecEnvObs) -> np.ndarray:
+    """SB3 allows for dictionaries, our environments do not."""
+    assert isinstance(observations, np.ndarray)
+    return observations
 
 
 def dreaming(n_envs: int = 4, horizon: int = 5, task: PendulumTask | None = None, seed: int = 0) -> ImaginationVecEnv:
@@ -42,8 +49,8 @@ def test_the_end_of_the_horizon_is_a_truncation_with_a_terminal_observation() ->
     returns = np.zeros(4)
     for step in range(1, 7):
         observations, rewards, dones, infos = env.step(np.full((4, 3), 0.7, dtype=np.float32))
-        assert observations.dtype == rewards.dtype == np.float32
-        assert observations.shape == (4, 3)
+        assert array(observations).dtype == rewards.dtype == np.float32
+        assert array(observations).shape == (4, 3)
         returns += rewards
         assert (dones == (step % 3 == 0)).all()
         if step % 3:
@@ -54,7 +61,7 @@ def test_the_end_of_the_horizon_is_a_truncation_with_a_terminal_observation() ->
             assert info["TimeLimit.truncated"] is True
             assert info["episode"]["l"] == 3
             assert info["episode"]["r"] == pytest.approx(returns[index])
-            assert not np.array_equal(info["terminal_observation"], observations[index])
+            assert not np.array_equal(info["terminal_observation"], array(observations)[index])
         returns[:] = 0
 
 
@@ -90,7 +97,7 @@ def test_seeding_repeats_imagination() -> None:
     def run(env: ImaginationVecEnv) -> np.ndarray:
         env.seed(5)
         env.reset()
-        return np.stack([env.step(np.zeros((4, 3), dtype=np.float32))[0] for _ in range(4)])
+        return np.stack([array(env.step(np.zeros((4, 3), dtype=np.float32))[0]) for _ in range(4)])
 
     dataset = pendulum_dataset(100)
     model = ProbabilisticEnsemble(2, 1, (0,), gradient_steps=5)
@@ -116,9 +123,9 @@ def test_nests_under_vec_normalize_and_vec_monitor() -> None:
     for _ in range(3):
         observations, _, dones, infos = env.step(np.full((4, 3), 0.3, dtype=np.float32))
     assert dones.all()
-    assert np.abs(observations).max() <= 10
+    assert np.abs(array(observations)).max() <= 10
     assert infos[0]["episode"]["l"] == 3
-    np.testing.assert_allclose(env.get_original_obs()[0], [0, -1, 0], atol=1e-6)
+    np.testing.assert_allclose(array(env.get_original_obs())[0], [0, -1, 0], atol=1e-6)
 
 
 def test_works_over_processes() -> None:
@@ -127,7 +134,7 @@ def test_works_over_processes() -> None:
     env.step(np.zeros((2, 3), dtype=np.float32))
     env.imagine(TruePendulum(), Optimistic(), PendulumTask(), 5, hanging_start())
     env.reset()
-    assert env.step(np.zeros((2, 3), dtype=np.float32))[0].shape == (2, 3)
+    assert array(env.step(np.zeros((2, 3), dtype=np.float32))[0]).shape == (2, 3)
     env.close()
 
 

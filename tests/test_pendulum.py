@@ -1,6 +1,7 @@
 """The real pendulum and its task."""
 
 import math
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,8 +16,10 @@ from sb3_hucrl.envs import PendulumEnv
 from sb3_hucrl.envs.pendulum import integrate
 from sb3_hucrl.tasks import GymnasiumPendulumTask, PendulumTask, Task, find_task, require_task, tolerance
 
-CASES = [(PendulumTask(0.2), ENV_ID, {"hallucinate": False, "action_penalty": 0.2}, 400)]
-CASES += [(GymnasiumPendulumTask(), "Pendulum-v1", {}, 200)]
+CASES: list[tuple[Task, str, dict[str, Any], int]] = [
+    (PendulumTask(0.2), ENV_ID, {"hallucinate": False, "action_penalty": 0.2}, 400),
+    (GymnasiumPendulumTask(), "Pendulum-v1", {}, 200),
+]
 
 
 @pytest.mark.parametrize("hallucinate", [True, False])
@@ -93,7 +96,7 @@ def test_bad_arguments_say_what_to_do() -> None:
 
 
 @pytest.mark.parametrize(("task", "env_id", "kwargs", "steps"), CASES)
-def test_task_agrees_with_the_environment(task: Task, env_id: str, kwargs: dict[str, float], steps: int) -> None:
+def test_task_agrees_with_the_environment(task: Task, env_id: str, kwargs: dict[str, Any], steps: int) -> None:
     env = gym.make(env_id, **kwargs)
     observation, _ = env.reset(seed=0)
     env.action_space.seed(0)
@@ -117,7 +120,7 @@ def test_reward_agrees_with_the_environment_everywhere() -> None:
     for _ in range(1_000):
         env.theta, env.omega = rng.uniform(-0.8, 0.8), rng.normal()
         state = th.tensor([[env.theta, env.omega]], dtype=th.float64)
-        action = rng.uniform(-1, 1, 1)
+        action = rng.uniform(-1, 1, 1).astype(np.float32)
         imagined = float(task.reward(state, th.as_tensor(action)[None], state))
         assert env.step(action)[1] == pytest.approx(imagined, abs=1e-5)
 

@@ -15,7 +15,7 @@ from sb3_hucrl.tasks.registry import find_task
 Array = npt.NDArray[np.float32]
 
 
-class HallucinationWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArgs):
+class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
     Widens the action from a to (a, a′); the real environment never sees a′.
 
@@ -27,7 +27,7 @@ class HallucinationWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstr
     :raises ValueError: if the spaces are not of that kind
     """
 
-    def __init__(self, env: gym.Env[Array, Array], state_dim: int | None = None) -> None:
+    def __init__(self, env: gym.Env[Any, Any], state_dim: int | None = None) -> None:
         RecordConstructorArgs.__init__(self, state_dim=state_dim)
         super().__init__(env)
         observation_space = require_vector_observation(env.observation_space)

@@ -34,7 +34,7 @@ class ImaginationVecEnv(VecEnvWrapper):
         self._action_box = require_bounded_box(venv.action_space)
         require_vector_observation(venv.observation_space)
         self._imagination: Imagination | None = None
-        self._actions = np.empty(0)
+        self._actions = np.empty(0, dtype=np.float32)
 
     @property
     def imagination(self) -> Imagination | None:

@@ -19,7 +19,7 @@ from sb3_hucrl.tasks.base import Task
 Array = npt.NDArray[np.float32]
 
 
-class LearnedModelEnv(gym.Env[Array, Array]):
+class LearnedModelEnv(gym.Env[Any, Any]):
     """
     One imagined trajectory at a time: the same imagination as :class:`ImaginationVecEnv`, for other libraries and for
     looking at it.
@@ -45,8 +45,9 @@ class LearnedModelEnv(gym.Env[Array, Array]):
         action_space: spaces.Space,
     ) -> None:
         self.observation_space = require_vector_observation(observation_space)
-        self.action_space = widen(require_bounded_box(action_space), strategy.hallucinated_dim(task.state_dim))
-        self._imagination = Imagination(model, strategy, task, starts, horizon, 1, self.action_space, seed=0)
+        action_box = widen(require_bounded_box(action_space), strategy.hallucinated_dim(task.state_dim))
+        self.action_space = action_box
+        self._imagination = Imagination(model, strategy, task, starts, horizon, 1, action_box, seed=0)
         self._seeded = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -68,7 +68,7 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     :raises ValueError: if the action penalty is negative or the render mode unknown
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}  # noqa: RUF012  # gymnasium's
 
     def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
         if not action_penalty >= 0:
