@@ -1,7 +1,8 @@
 """
 Imagined steps per second through the whole ImaginationVecEnv, beside the bare forward pass of its ensemble.
 
-The bare pass takes standardised inputs to the members' means and log-variances, and nothing else. Both are timed in
+The bare pass is ``model.predict``: states and actions in, means and standard deviations of the next states out. The
+last two columns go below it, to the naked member networks on inputs that are already standardised. All are timed in
 alternating slices of one run, so that whatever else the machine does hits them alike; the median slice counts.
 """
 
@@ -29,8 +30,8 @@ def seconds_per_call(function: Callable[[], object], calls: int) -> float:
     return (time.perf_counter() - started) / calls
 
 
-def compare(num_envs: int, horizon: int, slices: int, slice_seconds: float) -> tuple[float, float]:
-    """Median seconds per step of the VecEnv and of the bare pass, for ``num_envs`` states."""
+def time_per_step(num_envs: int, horizon: int, slices: int, slice_seconds: float) -> list[float]:
+    """Median seconds of one step of the VecEnv, of one prediction, and of one pass through the naked networks."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     venv = DummyVecEnv([lambda: gym.make("HUCRL-Pendulum-v0")] * num_envs)
     rng = np.random.default_rng(0)
@@ -38,26 +39,25 @@ def compare(num_envs: int, horizon: int, slices: int, slice_seconds: float) -> t
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))
     env = ImaginationVecEnv(venv)
-    env.imagine(model, Optimistic(), task, horizon, StartStates(dataset, task))
+    starts = StartStates(dataset, task)
+    env.imagine(model, Optimistic(), task, horizon, starts)
     env.reset()
     actions = rng.uniform(-1, 1, (num_envs, 3)).astype(np.float32)
-    inputs = th.randn(num_envs, model.inputs.mean.numel()).expand(model.num_members, -1, -1)
-
-    @th.inference_mode()
-    def bare() -> None:
-        model.members(inputs)
-
-    calls = [
-        max(1, round(slice_seconds / seconds_per_call(function, 10))) for function in (lambda: env.step(actions), bare)
+    states, _ = starts.sample(num_envs, None)
+    real_actions = th.as_tensor(actions[:, :1])
+    inputs = model.inputs(th.cat([model.features(states), real_actions], dim=1)).expand(model.num_members, -1, -1)
+    candidates: list[Callable[[], object]] = [
+        lambda: env.step(actions),
+        th.inference_mode()(lambda: model.predict(states, real_actions)),
+        th.inference_mode()(lambda: model.members(inputs)),
     ]
-    timings = np.array(
-        [
-            (seconds_per_call(lambda: env.step(actions), calls[0]), seconds_per_call(bare, calls[1]))
-            for _ in range(slices)
-        ]
-    )
-    through, alone = np.median(timings, axis=0)
-    return float(through), float(alone)
+    calls = [max(1, round(slice_seconds / seconds_per_call(candidate, 10))) for candidate in candidates]
+    timings = [
+        [seconds_per_call(candidate, count) for candidate, count in zip(candidates, calls, strict=True)]
+        for _ in range(slices)
+    ]
+    medians: list[float] = np.median(timings, axis=0).tolist()
+    return medians
 
 
 def main() -> None:
@@ -70,10 +70,13 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch")
     args = parser.parse_args()
     th.set_num_threads(args.threads)
-    print(f"{'states':>8} {'VecEnv steps/s':>16} {'bare pass steps/s':>18} {'cost':>7}")
-    for num_envs in args.states:
-        through, alone = compare(num_envs, args.horizon, args.slices, args.slice_seconds)
-        print(f"{num_envs:>8} {num_envs / through:>16,.0f} {num_envs / alone:>18,.0f} {through / alone:>6.2f}x")
+    print(f"{'states':>8} {'VecEnv/s':>12} {'predict/s':>12} {'cost':>7} {'networks/s':>12} {'cost':>7}")
+    for states in args.states:
+        step, predict, networks = time_per_step(states, args.horizon, args.slices, args.slice_seconds)
+        print(
+            f"{states:>8} {states / step:>12,.0f} {states / predict:>12,.0f} {step / predict:>6.2f}x "
+            f"{states / networks:>12,.0f} {step / networks:>6.2f}x"
+        )
 
 
 if __name__ == "__main__":

@@ -156,3 +156,14 @@ def test_calibration_error_tells_over_and_underconfidence(scale: float, low: flo
     measured = calibration_error(error, scale * th.ones_like(error))
     assert measured.shape == (2,)
     assert ((measured >= low) & (measured <= high)).all()
+
+
+def test_a_large_batch_is_predicted_as_its_rows_are() -> None:
+    model = ensemble(gradient_steps=20)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(2_500)
+    with th.no_grad():
+        together = model.predict(batch.states, batch.actions)
+        apart = model.predict(batch.states[1_020:1_030], batch.actions[1_020:1_030])
+    th.testing.assert_close(together.mean[1_020:1_030], apart.mean)
+    th.testing.assert_close(together.aleatoric_std[1_020:1_030], apart.aleatoric_std)

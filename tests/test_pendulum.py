@@ -126,7 +126,7 @@ def test_reward_agrees_with_the_environment_everywhere() -> None:
 
 
 def test_tolerance_is_one_inside_and_a_tenth_at_the_margin() -> None:
-    values = tolerance(th.tensor([0.0, 0.5, -0.5, 0.7, -0.7]), th.tensor(-0.5), th.tensor(0.5), th.tensor(0.2))
+    values = tolerance(th.tensor([0.0, 0.5, -0.5, 0.7, -0.7]), -0.5, 0.5, 0.2)
     th.testing.assert_close(values, th.tensor([1.0, 1.0, 1.0, 0.1, 0.1]))
 
 

