@@ -1,4 +1,4 @@
-"""Draws the real returns of ``scripts/benchmark_pendulum.py`` against real steps: medians over seeds, and their range."""
+"""Draws real returns against real steps: medians over seeds and their range, from benchmark_pendulum.py's CSV."""
 
 from __future__ import annotations
 
