@@ -32,7 +32,9 @@ class HUCRLCallback(BaseCallback):
     At the start it runs ``initial_episodes`` random real episodes and fits the dynamics model. From then on the
     algorithm trains in imagination; after every ``imagined_steps`` of its timesteps the callback plays
     ``real_episodes`` episodes with the current policy (a′ dropped), appends them, refits, and restarts imagination.
-    Search also ends with a real episode when training does. Policy, critic and dynamics model are warm-started.
+    Policy, critic and dynamics model are warm-started. These episodes sample the policy, as the search does: its mode
+    alone can stand still and teach the model nothing. Training itself also ends with real episodes, and those play the
+    mode, which is what SB3 evaluates.
 
     ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
     ``model.hucrl`` (:class:`sb3_hucrl.state.HUCRLState`) and travels in the model's own zip file; a loaded model goes
@@ -130,7 +132,7 @@ class HUCRLCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self.model.num_timesteps - self._search_start >= self.imagined_steps:
-            self._end_search()
+            self._end_search(deterministic=False)
             self._start_search()
 
     def _on_step(self) -> bool:
@@ -141,7 +143,7 @@ class HUCRLCallback(BaseCallback):
         if not self._searching:
             return
         if self.model.num_timesteps >= self.model._total_timesteps > self._search_start:
-            self._end_search()
+            self._end_search(deterministic=True)
         self._searching = False
         self._imagination_env.real()
 
@@ -201,11 +203,12 @@ class HUCRLCallback(BaseCallback):
         self._searching = True
         self._clock = time.perf_counter()
 
-    def _end_search(self) -> None:
+    def _end_search(self, deterministic: bool) -> None:
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
-            self._append(collect_episode(self._real_env, self._policy_actor(), self._task, self._action_dim))
+            actor = self._policy_actor(deterministic)
+            self._append(collect_episode(self._real_env, actor, self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
 
     def _append(self, episode: Transitions) -> None:
@@ -217,7 +220,7 @@ class HUCRLCallback(BaseCallback):
         uniform = th.rand(self._low.shape, generator=self._state.generator)
         return (self._low + uniform * (self._high - self._low)).numpy()
 
-    def _policy_actor(self) -> Actor:
+    def _policy_actor(self, deterministic: bool) -> Actor:
         normalizer = self.model.get_vec_normalize_env()
         memory: tuple[np.ndarray, ...] | None = None
 
@@ -226,7 +229,7 @@ class HUCRLCallback(BaseCallback):
             batch = observation[np.newaxis]
             inputs = batch if normalizer is None else normalizer.normalize_obs(batch)
             actions, memory = self.model.predict(
-                inputs, state=memory, episode_start=np.array([first]), deterministic=True
+                inputs, state=memory, episode_start=np.array([first]), deterministic=deterministic
             )
             return actions[0]
 

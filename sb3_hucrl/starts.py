@@ -25,8 +25,7 @@ class StartStates:
 
     :param dataset: the real transitions; those appended later count too
     :param task: asked for its exploratory states
-    :param weights: relative weight of each kind; by default one each for initial, visited, and exploratory, or
-        inflated where the task has no exploratory states
+    :param weights: relative weight of each kind; by default the same for all that the task allows
     :raises ValueError: if a kind is unknown or impossible, a weight negative, or no weight positive
     """
 
@@ -35,7 +34,7 @@ class StartStates:
     def __init__(self, dataset: TransitionDataset, task: Task, weights: Mapping[str, float] | None = None) -> None:
         explores = task.exploratory_states(1, None) is not None
         if weights is None:
-            weights = {"initial": 1.0, "visited": 1.0, ("exploratory" if explores else "inflated"): 1.0}
+            weights = dict.fromkeys(self.KINDS if explores else self.KINDS[:-1], 1.0)
         unknown = sorted(set(weights) - set(self.KINDS))
         if unknown:
             raise ValueError(f"unknown start states {unknown}: choose from {list(self.KINDS)}")

@@ -26,7 +26,7 @@ from tqdm import tqdm
 ENV_ID = "HUCRL-Pendulum-v0"
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 START_STATES = {
-    "exploratory": {"initial": 1, "visited": 1, "exploratory": 1},
+    "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},
     "inflated": {"initial": 1, "visited": 1, "inflated": 1},
 }
 

@@ -178,7 +178,7 @@ def test_start_states_default_to_what_the_task_knows() -> None:
             return None
 
     dataset = pendulum_dataset(50)
-    assert StartStates(dataset, PendulumTask())._weights.tolist() == [1, 1, 0, 1]
+    assert StartStates(dataset, PendulumTask())._weights.tolist() == [1, 1, 1, 1]
     assert StartStates(dataset, Plain())._weights.tolist() == [1, 1, 1, 0]
     with pytest.raises(ValueError, match="Plain has no exploratory states: use 'inflated'"):
         StartStates(dataset, Plain(), {"exploratory": 1})
