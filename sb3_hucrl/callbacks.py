@@ -248,6 +248,7 @@ class HUCRLCallback(BaseCallback):
         record("real/return", self._state.last_return)
         if self._imagination.initial_returns:
             record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
+        if search_seconds > 0:
             record("imagined/epistemic_std", self._imagination.epistemic_std)
         record("dynamics/holdout_nll", report.holdout_nll)
         record("dynamics/calibration_error", report.calibration_error)

@@ -54,7 +54,7 @@ def test_rounds_a_search_up_and_ends_the_last_one_with_training() -> None:
 
 def test_monitor_and_progress_files_hold_the_real_episodes_in_order(tmp_path: Path) -> None:
     env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, monitor_dir=str(tmp_path)))
-    small_sac(env).learn(160, callback=small_callback(log_dir=str(tmp_path)))
+    small_sac(env).learn(160, callback=small_callback(log_dir=str(tmp_path), start_states={"initial": 1}))
     monitor = load_results(str(tmp_path))
     assert monitor.l.tolist() == [400] * 3
     progress = pd.read_csv(tmp_path / "progress.csv").dropna(subset=["real/return"])
