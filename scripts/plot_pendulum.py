@@ -24,7 +24,7 @@ def draw(results: pd.DataFrame, output: Path) -> None:
             returns = runs.pivot_table(index="episode", columns="seed", values="real_return")
             steps = returns.index * EPISODE_STEPS
             colour = COLOURS[str(exploration)]
-            label = f"{exploration} ({returns.shape[1]} seeds)"
+            label = f"{exploration}, seeds: {returns.shape[1]}"
             axis.plot(steps, returns.median(axis=1), color=colour, marker="o", markersize=3, label=label)
             axis.fill_between(steps, returns.min(axis=1), returns.max(axis=1), color=colour, alpha=0.2, linewidth=0)
         axis.set_title(f"action penalty {penalty}, {starts} starts", fontsize=10)
