@@ -105,7 +105,7 @@ class Imagination:
         visited = self._starts.visited_states
         low, high = visited.amin(dim=0), visited.amax(dim=0)
         margin = REACH * (high - low)
-        margin[(margin == 0)] = th.inf
+        margin[margin == 0] = th.inf
         margin[list(self._task.angle_dims)] = th.inf
         return (low - margin).to(self._device), (high + margin).to(self._device)
 

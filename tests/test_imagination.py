@@ -58,7 +58,7 @@ def test_the_eta_of_lemma_1_turns_a_calibrated_model_into_the_real_system() -> N
     imagination.reset()
     state = th.tensor([[math.pi, 0.0]])
     for torque, observation in zip(torques, observations, strict=True):
-        prediction, true_next = model.predict(state, th.as_tensor(torque[None])), None
+        prediction = model.predict(state, th.as_tensor(torque[None]))
         true_next = model.step(state, th.as_tensor(torque[None]))
         eta = (true_next - prediction.mean) / (beta * prediction.epistemic_std)
         assert (eta.abs() <= 1).all()
@@ -87,7 +87,7 @@ def test_the_hallucinated_action_moves_the_state_but_not_the_reward_and_is_clipp
     np.testing.assert_allclose(step.rewards, step.rewards[0])
 
 
-def test_a_negative_penalty_of_a_prime_cannot_exist_because_the_task_never_sees_it() -> None:
+def test_the_task_never_sees_the_hallucinated_action() -> None:
     seen = []
 
     class Recorder(PendulumTask):
@@ -174,7 +174,7 @@ def test_start_states_come_in_the_asked_proportions() -> None:
 
 def test_start_states_default_to_what_the_task_knows() -> None:
     class Plain(PendulumTask):
-        def exploratory_states(self, n: int, generator: th.Generator | None) -> None:  # type: ignore[override]  # none
+        def exploratory_states(self, n: int, generator: th.Generator | None) -> None:  # type: ignore[override]  # on purpose: knows no states
             return None
 
     dataset = pendulum_dataset(50)
