@@ -3,15 +3,17 @@
 from sb3_hucrl._version import __version__
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.data import TransitionDataset, Transitions
-from sb3_hucrl.dynamics import DynamicsModel, Prediction, ProbabilisticEnsemble
+from sb3_hucrl.dynamics import DeterministicEnsemble, DynamicsModel, Prediction, ProbabilisticEnsemble
 from sb3_hucrl.envs import register_envs
-from sb3_hucrl.exploration import ExplorationStrategy, Greedy, Optimistic
+from sb3_hucrl.exploration import Bonus, ExplorationStrategy, Greedy, Optimistic, Thompson
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState
 from sb3_hucrl.tasks import Task, register_task
 from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv
 
 __all__ = [
+    "Bonus",
+    "DeterministicEnsemble",
     "DynamicsModel",
     "ExplorationStrategy",
     "Greedy",
@@ -25,6 +27,7 @@ __all__ = [
     "ProbabilisticEnsemble",
     "StartStates",
     "Task",
+    "Thompson",
     "TransitionDataset",
     "Transitions",
     "__version__",

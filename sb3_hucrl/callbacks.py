@@ -15,14 +15,16 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl.data import TransitionDataset, Transitions
-from sb3_hucrl.dynamics import DynamicsModel, FitReport, make_dynamics
+from sb3_hucrl.dynamics import DynamicsModel, FitReport, Predictor, make_dynamics, require_known
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
+from sb3_hucrl.report import record_fit
 from sb3_hucrl.rollout import Actor, Array, collect_episode
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState, attach_state, get_state
 from sb3_hucrl.tasks import Task, require_task
+from sb3_hucrl.uncertainty_cap import epistemic_limit
 
 
 class HUCRLCallback(BaseCallback):
@@ -40,9 +42,9 @@ class HUCRLCallback(BaseCallback):
     ``model.hucrl`` (:class:`sb3_hucrl.state.HUCRLState`) and travels in the model's own zip file; a loaded model goes
     on where it was.
 
-    :param exploration: name of a strategy (``"optimistic"``, ``"greedy"``), or a strategy
+    :param exploration: name of a strategy (a key of :data:`sb3_hucrl.exploration.STRATEGIES`), or a strategy
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
-    :param dynamics: name of a dynamics model (``"ensemble"``), or a model
+    :param dynamics: name of a dynamics model (a key of :data:`sb3_hucrl.dynamics.DYNAMICS`), or a model
     :param dynamics_kwargs: arguments of the named model
     :param task: reward, termination and state map; by default the one registered for the environment's id
     :param horizon: length of an imagined trajectory; by default that of a real episode
@@ -50,6 +52,8 @@ class HUCRLCallback(BaseCallback):
     :param initial_episodes: random real episodes before the first search, at least 1
     :param real_episodes: real episodes after each search, at least 1
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.starts.StartStates`
+    :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
+        multiple of what 95 % of the real transitions have; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
     :param verbose: 1 prints what is resumed
     :raises ValueError: if a number is too small or a name unknown
@@ -67,6 +71,7 @@ class HUCRLCallback(BaseCallback):
         initial_episodes: int = 1,
         real_episodes: int = 1,
         start_states: Mapping[str, float] | None = None,
+        uncertainty_cap: float | None = None,
         log_dir: str | None = None,
         verbose: int = 0,
     ) -> None:
@@ -81,6 +86,10 @@ class HUCRLCallback(BaseCallback):
         for name, value in counts.items():
             if value < 1:
                 raise ValueError(f"{name} is {value}: give at least 1")
+        if isinstance(dynamics, str):
+            require_known(dynamics)
+        if uncertainty_cap is not None and not uncertainty_cap > 0:
+            raise ValueError(f"uncertainty_cap is {uncertainty_cap}: give a positive multiple, or None for no cap")
         if isinstance(exploration, str):
             exploration = make_strategy(exploration, **(exploration_kwargs or {}))
         self.strategy: ExplorationStrategy = exploration
@@ -92,6 +101,7 @@ class HUCRLCallback(BaseCallback):
         self.initial_episodes = initial_episodes
         self.real_episodes = real_episodes
         self.start_states = start_states
+        self.uncertainty_cap = uncertainty_cap
         self.log_dir = log_dir
         self._csv: CSVOutputFormat | None = None
         self._searching = False
@@ -122,7 +132,7 @@ class HUCRLCallback(BaseCallback):
         attach_state(self.model, self._state)
         # Built before any real step is taken, so that what does not fit is found at once.
         self._starts = StartStates(self._state.dataset, self._task, self.start_states)
-        self._imagine()
+        self._imagine(self._state.dynamics)
         if len(self._state.dataset) == 0:
             started = time.perf_counter()
             for _ in range(self.initial_episodes):
@@ -188,13 +198,20 @@ class HUCRLCallback(BaseCallback):
         state.dynamics.to(self.model.device)
         return state
 
-    def _imagine(self) -> None:
+    def _imagine(self, model: Predictor, max_epistemic_std: th.Tensor | None = None) -> None:
+        seed = self._state.draw_seed()
         self._imagination = self._imagination_env.imagine(
-            self._state.dynamics, self.strategy, self._task, self._horizon, self._starts, seed=self._state.draw_seed()
+            model, self.strategy, self._task, self._horizon, self._starts, seed, max_epistemic_std
         )
 
     def _start_search(self) -> None:
-        self._imagine()
+        state = self._state
+        limit = None
+        if self.uncertainty_cap is not None:
+            limit = epistemic_limit(state.dynamics, state.dataset.transitions, self.uncertainty_cap)
+        num_envs = self.training_env.num_envs
+        model = self.strategy.begin_search(state.dynamics, num_envs, state.real_episodes, state.generator)
+        self._imagine(model, limit)
         if isinstance(self.model, OffPolicyAlgorithm) and self.model.replay_buffer is not None:
             # What the last model imagined would contradict the new one.
             self.model.replay_buffer.reset()
@@ -250,9 +267,7 @@ class HUCRLCallback(BaseCallback):
             record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
         if search_seconds > 0:
             record("imagined/epistemic_std", self._imagination.epistemic_std)
-        record("dynamics/holdout_nll", report.holdout_nll)
-        record("dynamics/calibration_error", report.calibration_error)
-        record("dynamics/train_loss", report.train_loss)
+        record_fit(self.logger, report)
         record("time/rollout_seconds", rollout_seconds)
         record("time/fit_seconds", fit_seconds)
         record("time/search_seconds", search_seconds)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
-from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.dynamics.base import Prediction, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.tasks.base import Task
@@ -26,7 +26,7 @@ class ImaginedStep:
     :param observations: of the next states, shape (B, observation dimension)
     :param rewards: shape (B,)
     :param terminated: the task has ended, shape (B,)
-    :param truncated: the horizon was reached, shape (B,)
+    :param truncated: the horizon was reached, or uncertainty its limit; shape (B,)
     """
 
     observations: npt.NDArray[np.float32]
@@ -39,7 +39,7 @@ class Imagination:
     """
     The hallucinated system of equation (7) as a batch of trajectories: numpy at its border, torch inside.
 
-    :param model: the learned dynamics
+    :param model: the learned dynamics, or a sample of it
     :param strategy: turns prediction and a′ into the next state
     :param task: known reward, termination and observation
     :param starts: where trajectories begin
@@ -47,12 +47,13 @@ class Imagination:
     :param num_envs: number of trajectories B
     :param action_space: of (a, a′), q + h dimensions; actions beyond it are clipped
     :param seed: of the noise and the start states
+    :param max_epistemic_std: a trajectory is truncated where any dimension is more uncertain than this, shape (p,)
     :raises ValueError: if the horizon is below 1 or model, task, strategy and action space do not fit together
     """
 
     def __init__(
         self,
-        model: DynamicsModel,
+        model: Predictor,
         strategy: ExplorationStrategy,
         task: Task,
         starts: StartStates,
@@ -60,6 +61,7 @@ class Imagination:
         num_envs: int,
         action_space: spaces.Box,
         seed: int,
+        max_epistemic_std: th.Tensor | None = None,
     ) -> None:
         if horizon < 1:
             raise ValueError(f"horizon is {horizon}: imagined trajectories need at least 1 step")
@@ -79,7 +81,8 @@ class Imagination:
         self.horizon = horizon
         self.num_envs = num_envs
         self._model, self._strategy, self._task, self._starts = model, strategy, task, starts
-        self._device = next(model.parameters(), th.zeros(0)).device
+        self._device = model.device
+        self._max_epistemic_std = max_epistemic_std
         self._low = th.as_tensor(action_space.low, device=self._device)
         self._high = th.as_tensor(action_space.high, device=self._device)
         self._states = th.empty(0)
@@ -155,21 +158,28 @@ class Imagination:
         prediction = self._model.predict(state, real_action)
         next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
         next_state = next_state.clamp(*self._range)
-        reward = self._task.reward(state, real_action, next_state)
+        task_reward = self._task.reward(state, real_action, next_state)
+        bonus = self._strategy.bonus(prediction)
         step = ImaginedStep(
             observations=self._task.observe(next_state).cpu().numpy(),
-            rewards=reward.cpu().numpy(),
+            rewards=(task_reward if bonus is None else task_reward + bonus).cpu().numpy(),
             terminated=self._task.terminated(state, real_action, next_state).cpu().numpy(),
-            truncated=self.lengths + 1 >= self.horizon,
+            truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(prediction),
         )
         self._states = next_state
         self._epistemic_sum += prediction.epistemic_std
         self._num_steps += 1
         self.lengths += 1
-        self.returns += step.rewards
+        # A bonus is the search's own affair: returns stay comparable with real ones.
+        self.returns += step.rewards if bonus is None else task_reward.cpu().numpy()
         self._require_finite(step)
         self._note_finished(step.terminated | step.truncated)
         return step
+
+    def _too_uncertain(self, prediction: Prediction) -> npt.NDArray[np.bool_] | bool:
+        if self._max_epistemic_std is None:
+            return False
+        return (prediction.epistemic_std > self._max_epistemic_std).any(dim=1).cpu().numpy()
 
     def _note_finished(self, done: npt.NDArray[np.bool_]) -> None:
         if done.any():

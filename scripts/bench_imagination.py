@@ -45,11 +45,11 @@ def time_per_step(num_envs: int, horizon: int, slices: int, slice_seconds: float
     actions = rng.uniform(-1, 1, (num_envs, 3)).astype(np.float32)
     states, _ = starts.sample(num_envs, None)
     real_actions = th.as_tensor(actions[:, :1])
-    inputs = model.inputs(th.cat([model.features(states), real_actions], dim=1)).expand(model.num_members, -1, -1)
+    inputs = model.inputs(model.encode(states, real_actions)).expand(model.num_members, -1, -1)
     candidates: list[Callable[[], object]] = [
         lambda: env.step(actions),
         th.inference_mode()(lambda: model.predict(states, real_actions)),
-        th.inference_mode()(lambda: model.members(inputs)),
+        th.inference_mode()(lambda: model.networks(inputs)),
     ]
     calls = [max(1, round(slice_seconds / seconds_per_call(candidate, 10))) for candidate in candidates]
     timings = [

@@ -1,5 +1,5 @@
 """
-Real returns per real episode on HUCRL-Pendulum-v0, over seeds, action penalties, strategies and start states.
+Real returns per real episode on HUCRL-Pendulum-v0, over seeds, action penalties, strategies, models and start states.
 
 Each run is ``rl_zoo3 train`` with the package's own hyperparameters, in a process of its own on one thread. Finished
 runs are appended to the CSV at once and skipped when the same command is given again.
@@ -23,8 +23,26 @@ import yaml
 from stable_baselines3.common.monitor import load_results
 from tqdm import tqdm
 
+from sb3_hucrl.dynamics import DYNAMICS
+
 ENV_ID = "HUCRL-Pendulum-v0"
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
+OPTIMISTIC = {"exploration": "optimistic", "exploration_kwargs": {"beta": 1.0}}
+#: settings of the callback, by the name that the CSV gives them
+EXPLORATIONS: dict[str, dict[str, Any]] = {
+    "optimistic": OPTIMISTIC,
+    "optimistic_predictive": {
+        "exploration": "optimistic",
+        "exploration_kwargs": {"beta": 1.0, "uncertainty": "predictive"},
+    },
+    "optimistic_recalibrated": {**OPTIMISTIC, "dynamics_kwargs": {"recalibrate": True}},
+    "optimistic_capped": {**OPTIMISTIC, "uncertainty_cap": 5.0},
+    "greedy": {"exploration": "greedy"},
+    "greedy_ts1": {"exploration": "greedy", "exploration_kwargs": {"propagation": "ts1"}},
+    "greedy_tsinf": {"exploration": "greedy", "exploration_kwargs": {"propagation": "tsinf"}},
+    "thompson": {"exploration": "thompson"},
+    "bonus": {"exploration": "bonus", "exploration_kwargs": {"weight": 1.0}},
+}
 START_STATES = {
     "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},
     "inflated": {"initial": 1, "visited": 1, "inflated": 1},
@@ -37,6 +55,7 @@ class Run:
 
     algo: str
     exploration: str
+    dynamics: str
     action_penalty: float
     start_states: str
     seed: int
@@ -52,10 +71,11 @@ def hyperparameters(algo: str) -> dict[str, Any]:
 def command(run: Run, folder: str) -> list[str]:
     """The command line of a run."""
     callback = dict(hyperparameters(run.algo)["callback"][0][CALLBACK])
-    callback |= {"exploration": run.exploration, "start_states": START_STATES[run.start_states]}
-    if run.exploration == "greedy":
-        callback.pop("exploration_kwargs", None)
-    env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{run.exploration != 'greedy'}"]
+    callback.pop("exploration_kwargs", None)
+    callback |= {**EXPLORATIONS[run.exploration], "dynamics": run.dynamics}
+    callback["start_states"] = START_STATES[run.start_states]
+    hallucinate = callback["exploration"] == "optimistic"
+    env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
     return [
         *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", ENV_ID),
         *("--seed", str(run.seed), "--num-threads", "1", "--eval-freq", "-1", "-f", folder),
@@ -79,12 +99,13 @@ def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
     """Per setting: the first episode with a return of at least ``solved``, and the mean of the last three."""
-    settings = ["algo", "action_penalty", "start_states", "exploration"]
-    by_run = results.sort_values("episode").groupby([*settings, "seed"])
+    settings = ["algo", "action_penalty", "start_states", "dynamics", "exploration"]
+    results = results.assign(solved_in=results.episode.where(results.real_return >= solved)).sort_values("episode")
+    by_run = results.groupby([*settings, "seed"])
     never = results.episode.max() + 1
     runs = pd.DataFrame(
         {
-            "first": by_run.apply(lambda run: run.loc[run.real_return >= solved, "episode"].min()).fillna(never),
+            "first": by_run.solved_in.min().fillna(never),
             "last3": by_run.real_return.apply(lambda returns: returns.tail(3).mean()),
         }
     )
@@ -103,7 +124,8 @@ def main() -> None:
     """Run what is missing, then print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", default="sac")
-    parser.add_argument("--exploration", nargs="+", default=["optimistic", "greedy"])
+    parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
+    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[21, 22, 23, 24, 25])
@@ -115,7 +137,9 @@ def main() -> None:
 
     results = pd.read_csv(args.output) if args.output.exists() else pd.DataFrame()
     done = set() if results.empty else set(results[list(Run.__annotations__)].itertuples(index=False, name=None))
-    settings = itertools.product([args.algo], args.exploration, args.penalties, args.start_states, args.seeds)
+    settings = itertools.product(
+        [args.algo], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
+    )
     # Seed by seed, so that an interrupted benchmark has whole seeds.
     runs = sorted((Run(*setting) for setting in settings if setting not in done), key=lambda run: run.seed)
     commit = subprocess.run(

@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
 from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
+from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import PendulumEnv
 from sb3_hucrl.tasks import PendulumTask
 
@@ -73,6 +74,8 @@ def test_logs_to_tensorboard_too(tmp_path: Path) -> None:
     model.learn(160, callback=small_callback())
     events = event_accumulator.EventAccumulator(str(tmp_path)).Reload()
     assert [event.value for event in events.Scalars("real/episode")] == [1, 2, 3]
+    assert len(events.Scalars("dynamics/calibration_error_1")) == 3
+    assert len(events.Images("dynamics/reliability")) == 3
 
 
 def test_same_seed_gives_identical_real_returns(tmp_path: Path) -> None:
@@ -117,6 +120,63 @@ def test_greedy_needs_no_room_for_hallucination() -> None:
     model = small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback(exploration="greedy"))
     assert model.action_space.shape == (1,)
     assert state_of(model).real_episodes == 2
+
+
+@pytest.mark.parametrize(
+    ("exploration", "arguments"),
+    [
+        ("optimistic", {"uncertainty": "predictive"}),
+        ("greedy", {"propagation": "ts1"}),
+        ("greedy", {"propagation": "tsinf"}),
+        ("thompson", {}),
+        ("bonus", {"weight": 2.0, "decay": 0.9}),
+    ],
+)
+def test_every_strategy_runs_the_loop(exploration: str, arguments: dict[str, Any]) -> None:
+    model = small_sac(imagination_env(hallucinate=exploration == "optimistic"))
+    model.learn(160, callback=small_callback(exploration=exploration, exploration_kwargs=arguments))
+    assert state_of(model).real_episodes == 3
+
+
+@pytest.mark.parametrize("exploration", ["optimistic", "thompson"])
+@pytest.mark.parametrize("dynamics", DYNAMICS)
+def test_every_model_runs_the_loop_and_survives_save_and_load(dynamics: str, exploration: str, tmp_path: Path) -> None:
+    env = imagination_env(hallucinate=exploration == "optimistic")
+    arguments = {"beta": "theory"} if exploration == "optimistic" and "ensemble" not in dynamics else {}
+    settings = {"gradient_steps": 10} if "ensemble" in dynamics else {"recalibrate": True}
+
+    def callback() -> HUCRLCallback:
+        return small_callback(
+            dynamics=dynamics, dynamics_kwargs=settings, exploration=exploration, exploration_kwargs=arguments
+        )
+
+    model = small_sac(env).learn(80, callback=callback())
+    model.save(tmp_path / "model")
+    loaded = SAC.load(tmp_path / "model", env=env, device="cpu")
+    states = state_of(model).dataset.transitions.states[::100]
+    actions = state_of(model).dataset.transitions.actions[::100]
+    expected, actual = (state_of(each).dynamics.predict(states, actions) for each in (model, loaded))
+    th.testing.assert_close(actual.mean, expected.mean)
+    th.testing.assert_close(actual.epistemic_std, expected.epistemic_std, rtol=1e-3, atol=1e-6)
+    loaded.learn(80, callback=callback(), reset_num_timesteps=False)
+    assert state_of(loaded).real_episodes == 3
+
+
+def test_an_uncertainty_cap_ends_trajectories_early() -> None:
+    lengths: dict[float | None, list[int]] = {None: [], 1e-6: [], 1e6: []}
+    for cap, seen in lengths.items():
+
+        class Spy(HUCRLCallback):
+            def _on_step(self) -> bool:
+                infos = [info for info in self.locals["infos"] if "episode" in info]
+                assert all(info["TimeLimit.truncated"] for info in infos)
+                seen.extend(info["episode"]["l"] for info in infos)  # noqa: B023  # used within the iteration
+                return True
+
+        callback = Spy(imagined_steps=80, horizon=10, dynamics_kwargs={"gradient_steps": 5}, uncertainty_cap=cap)
+        small_sac().learn(80, callback=callback)
+    assert set(lengths[1e-6]) == {1}
+    assert lengths[None] == lengths[1e6] == [10] * 8
 
 
 def test_learns_what_the_model_is_asked_to_learn() -> None:
@@ -231,6 +291,8 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
         ({"imagined_steps": 0}, "imagined_steps is 0"),
         ({"horizon": 0}, "horizon is 0"),
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
+        ({"dynamics": "tree"}, "unknown dynamics 'tree'"),
+        ({"uncertainty_cap": 0.0}, "uncertainty_cap is 0.0: give a positive multiple"),
         ({"exploration_kwargs": {"beta": -2}}, "beta is -2"),
     ],
 )

@@ -3,7 +3,9 @@
 import pytest
 import torch as th
 
-from sb3_hucrl import Greedy, Optimistic, Prediction
+from helpers import TruePendulum, pendulum_dataset, random_transitions
+from sb3_hucrl import Bonus, DynamicsModel, Greedy, Optimistic, Prediction, Thompson
+from sb3_hucrl.dynamics import Predictor, make_dynamics
 from sb3_hucrl.exploration import make_strategy
 
 
@@ -48,7 +50,78 @@ def test_greedy_draws_from_the_predictive_distribution_and_ignores_the_hallucina
 
 def test_only_optimism_widens_the_action() -> None:
     assert Optimistic().hallucinated_dim(4) == 4
-    assert Greedy().hallucinated_dim(4) == 0
+    for strategy in (Greedy(), Thompson(), Bonus()):
+        assert strategy.hallucinated_dim(4) == 0
+
+
+def fitted_ensemble() -> DynamicsModel:
+    model = make_dynamics("ensemble", 2, 1, (0,), th.Generator().manual_seed(0), gradient_steps=30)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    return model
+
+
+def member_of_each_row(model: DynamicsModel, predictor: Predictor, rows: int) -> list[int]:
+    """Which member of an ensemble predicts each of some rows."""
+    batch = random_transitions(1)
+    states, actions = batch.states.expand(rows, 2), batch.actions.expand(rows, 1)
+    with th.no_grad():
+        generator = th.Generator().manual_seed(5)
+        drawn = [model.sample_posterior(generator).predict(states[:1], actions[:1]).mean[0] for _ in range(80)]
+        known = th.stack(drawn).unique(dim=0)
+        assert len(known) == 5
+        mean = predictor.predict(states, actions).mean
+    nearest: list[int] = (mean.unsqueeze(1) - known).abs().sum(dim=2).argmin(dim=1).tolist()
+    return nearest
+
+
+def test_ts1_draws_members_anew_at_each_step_and_tsinf_keeps_them() -> None:
+    model, rows = fitted_ensemble(), 64
+    for propagation, kept in (("ts1", False), ("tsinf", True)):
+        strategy = make_strategy("greedy", propagation=propagation)
+        predictor = strategy.begin_search(model, rows, 1, th.Generator().manual_seed(0))
+        first, second = (member_of_each_row(model, predictor, rows) for _ in range(2))
+        # 64 rows miss one of 5 members with a probability of 3e-6.
+        assert set(first) == set(range(5))
+        assert (first == second) is kept
+    assert Greedy("ds").begin_search(model, rows, 1, th.Generator()) is model
+
+
+def test_thompson_draws_one_member_for_each_search() -> None:
+    model, generator = fitted_ensemble(), th.Generator().manual_seed(0)
+    searches = [Thompson().begin_search(model, 8, 1, generator) for _ in range(20)]
+    members = [member_of_each_row(model, search, 8) for search in searches]
+    assert all(len(set(rows)) == 1 for rows in members)
+    assert len({rows[0] for rows in members}) > 1
+    predicted = prediction(rows=2)
+    assert th.equal(Thompson().next_state(predicted, th.ones(2, 0), None), predicted.mean)
+
+
+def test_bonus_pays_for_uncertainty_and_fades() -> None:
+    strategy, predicted, model = Bonus(weight=2.0, decay=0.5), prediction(), TruePendulum()
+    norm = (0.5**2 + 2.0**2) ** 0.5
+    for real_episodes, weight in ((1, 2.0), (2, 1.0), (4, 0.25)):
+        assert strategy.begin_search(model, 8, real_episodes, th.Generator()) is model
+        th.testing.assert_close(strategy.bonus(predicted), th.full((3,), weight * norm))
+    assert th.equal(strategy.next_state(predicted, th.ones(3, 0), None), predicted.mean)
+    assert Optimistic().bonus(predicted) is None
+
+
+def test_theoretical_beta_follows_the_information_gain() -> None:
+    strategy = make_strategy("optimistic", beta="theory", delta=0.05, norm_bound=2.0)
+    assert isinstance(strategy, Optimistic)
+    model = make_dynamics("sparse_gp", 2, 1, (0,), th.Generator())
+    widths = []
+    for points in (50, 500):
+        model.fit(pendulum_dataset(points), th.Generator().manual_seed(0))
+        strategy.begin_search(model, 8, 1, th.Generator())
+        assert strategy.beta == model.confidence_width(0.05, 2.0)
+        widths.append(strategy.beta)
+    assert 2.0 < widths[0] < widths[1]
+    predicted = prediction()
+    raised = strategy.next_state(predicted, th.ones(3, 2), None) - predicted.mean
+    th.testing.assert_close(raised, widths[1] * predicted.epistemic_std)
+    with pytest.raises(ValueError, match="beta 'theory' needs a Gaussian process or Fourier features, not Probabili"):
+        strategy.begin_search(fitted_ensemble(), 8, 1, th.Generator())
 
 
 def test_bad_input_says_what_to_do() -> None:
@@ -58,5 +131,20 @@ def test_bad_input_says_what_to_do() -> None:
         Optimistic(beta=float("nan"))
     with pytest.raises(ValueError, match="unknown uncertainty 'total'"):
         make_strategy("optimistic", uncertainty="total")
-    with pytest.raises(ValueError, match=r"unknown exploration 'brave': choose one of \['greedy', 'optimistic'\]"):
+    with pytest.raises(ValueError, match="beta is 'large': give 0 or more"):
+        make_strategy("optimistic", beta="large")
+    with pytest.raises(ValueError, match=r"delta is 1\.0: a probability"):
+        Optimistic(delta=1.0)
+    with pytest.raises(ValueError, match=r"unknown propagation 'ts2': choose one of \['ds', 'ts1', 'tsinf'\]"):
+        make_strategy("greedy", propagation="ts2")
+    with pytest.raises(ValueError, match="weight is -1"):
+        Bonus(weight=-1.0)
+    with pytest.raises(ValueError, match=r"decay is 1\.5"):
+        Bonus(decay=1.5)
+    with pytest.raises(ValueError, match=r"unknown exploration 'brave': choose one of \['bonus', 'greedy', 'optimist"):
         make_strategy("brave")
+
+
+def test_a_model_without_samples_says_so() -> None:
+    with pytest.raises(ValueError, match="TruePendulum has no posterior samples"):
+        Thompson().begin_search(TruePendulum(), 8, 1, th.Generator())

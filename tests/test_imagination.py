@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
 from sb3_hucrl import (
+    Bonus,
     DynamicsModel,
     ExplorationStrategy,
     Greedy,
@@ -20,6 +21,7 @@ from sb3_hucrl import (
 )
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.tasks import PendulumTask
+from sb3_hucrl.uncertainty_cap import epistemic_limit
 
 
 def imagine(
@@ -85,6 +87,37 @@ def test_the_hallucinated_action_moves_the_state_but_not_the_reward_and_is_clipp
     omegas = step.observations[:, 2]
     np.testing.assert_allclose(omegas - omegas[0], [0, -0.5, 0.5, 0.5], atol=1e-5)
     np.testing.assert_allclose(step.rewards, step.rewards[0])
+
+
+def test_a_bonus_raises_the_reward_but_not_the_return() -> None:
+    plain, paid = (
+        imagine(TruePendulum(epistemic_std=0.5), strategy, num_envs=3) for strategy in (Bonus(0.0), Bonus(2.0))
+    )
+    for imagination in (plain, paid):
+        imagination.reset()
+    for action in random_actions(5, 3).reshape(5, 3, 1):
+        reward, raised = plain.step(action).rewards, paid.step(action).rewards
+        np.testing.assert_allclose(raised, reward + 2.0 * 0.5 * math.sqrt(2), rtol=1e-5)
+    np.testing.assert_allclose(paid.returns, plain.returns)
+
+
+def test_uncertainty_beyond_the_limit_truncates() -> None:
+    for limit, expected in ((th.tensor([1.0, 0.4]), True), (th.tensor([1.0, 0.6]), False)):
+        imagination = Imagination(
+            *(TruePendulum(epistemic_std=0.5), Greedy(), PendulumTask(), hanging_start()),
+            *(400, 2, spaces.Box(-1, 1, (1,)), 0),
+            max_epistemic_std=limit,
+        )
+        imagination.reset()
+        step = imagination.step(random_actions(2, 1))
+        assert step.truncated.tolist() == [expected] * 2
+        assert not step.terminated.any()
+
+
+def test_the_limit_is_learned_from_the_real_transitions() -> None:
+    transitions = pendulum_dataset(200).transitions
+    limit = epistemic_limit(TruePendulum(epistemic_std=0.2), transitions, multiple=3.0)
+    th.testing.assert_close(limit, th.tensor([0.6, 0.6]))
 
 
 def test_the_task_never_sees_the_hallucinated_action() -> None:

@@ -21,7 +21,7 @@ TRAIN = ["train", "--algo", "sac", "--env", ENV_ID]
 CALLBACK = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
 SMALL = [
     *("-n", "640", "--eval-freq", "320", "--save-freq", "320", "--seed", "3", "--eval-episodes", "2"),
-    *("-params", "gradient_steps:1", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
+    *("-params", "gradient_steps:1", "n_envs:4", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
 ]
 
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import torch as th
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
@@ -43,26 +44,30 @@ class ImaginationVecEnv(VecEnvWrapper):
 
     def imagine(
         self,
-        model: DynamicsModel,
+        model: Predictor,
         strategy: ExplorationStrategy,
         task: Task,
         horizon: int,
         starts: StartStates,
         seed: int = 0,
+        max_epistemic_std: th.Tensor | None = None,
     ) -> Imagination:
         """
         Switch into imagination; call ``reset()`` next.
 
-        :param model: the learned dynamics
+        :param model: the learned dynamics, or a sample of it
         :param strategy: turns prediction and a′ into the next state
         :param task: known reward, termination and observation
         :param horizon: steps after which an imagined trajectory is truncated
         :param starts: where imagined trajectories begin
         :param seed: of the imagined noise and start states
+        :param max_epistemic_std: trajectories are truncated where any dimension is more uncertain than this, shape (p,)
         :return: the imagined trajectories, with their statistics
         :raises ValueError: if these do not fit together, or to the action space
         """
-        self._imagination = Imagination(model, strategy, task, starts, horizon, self.num_envs, self._action_box, seed)
+        self._imagination = Imagination(
+            model, strategy, task, starts, horizon, self.num_envs, self._action_box, seed, max_epistemic_std
+        )
         return self._imagination
 
     def real(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation, widen
@@ -24,7 +24,7 @@ class LearnedModelEnv(gym.Env[Any, Any]):
     One imagined trajectory at a time: the same imagination as :class:`ImaginationVecEnv`, for other libraries and for
     looking at it.
 
-    :param model: the learned dynamics
+    :param model: the learned dynamics, or a sample of it
     :param strategy: turns prediction and a′ into the next state
     :param task: known reward, termination and observation
     :param horizon: steps after which a trajectory is truncated
@@ -36,7 +36,7 @@ class LearnedModelEnv(gym.Env[Any, Any]):
 
     def __init__(
         self,
-        model: DynamicsModel,
+        model: Predictor,
         strategy: ExplorationStrategy,
         task: Task,
         horizon: int,

@@ -2,17 +2,45 @@
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Sequence
 from typing import Any
 
 import torch as th
 
-from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction
-from sb3_hucrl.dynamics.ensemble import ProbabilisticEnsemble
+from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction, Predictor
+from sb3_hucrl.dynamics.ensemble import DeterministicEnsemble, ProbabilisticEnsemble
 
-__all__ = ["DYNAMICS", "DynamicsModel", "FitReport", "Prediction", "ProbabilisticEnsemble", "make_dynamics"]
+__all__ = [
+    "DYNAMICS",
+    "DeterministicEnsemble",
+    "DynamicsModel",
+    "FitReport",
+    "Prediction",
+    "Predictor",
+    "ProbabilisticEnsemble",
+    "make_dynamics",
+    "require_known",
+]
 
-DYNAMICS: dict[str, type[ProbabilisticEnsemble]] = {"ensemble": ProbabilisticEnsemble}
+#: where each model lives; GPyTorch is imported only for the models that need it
+DYNAMICS = {
+    "ensemble": "sb3_hucrl.dynamics.ensemble:ProbabilisticEnsemble",
+    "deterministic_ensemble": "sb3_hucrl.dynamics.ensemble:DeterministicEnsemble",
+    "gp": "sb3_hucrl.dynamics.gp:ExactGP",
+    "sparse_gp": "sb3_hucrl.dynamics.sparse_gp:SparseGP",
+    "rff": "sb3_hucrl.dynamics.features:RandomFourierModel",
+    "qff": "sb3_hucrl.dynamics.features:QuadratureFourierModel",
+}
+
+
+def require_known(name: str) -> None:
+    """
+    :param name: of a model
+    :raises ValueError: unless it is a key of :data:`DYNAMICS`
+    """
+    if name not in DYNAMICS:
+        raise ValueError(f"unknown dynamics {name!r}: choose one of {sorted(DYNAMICS)}")
 
 
 def make_dynamics(
@@ -30,10 +58,12 @@ def make_dynamics(
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
     :param angle_dims: indices of the state's angles
-    :param generator: draws the initial weights
+    :param generator: draws what is random about an unfitted model
     :param kwargs: further arguments of the model's class
     :raises ValueError: if the name is unknown
     """
-    if name not in DYNAMICS:
-        raise ValueError(f"unknown dynamics {name!r}: choose one of {sorted(DYNAMICS)}")
-    return DYNAMICS[name](state_dim, action_dim, angle_dims, generator=generator, **kwargs)
+    require_known(name)
+    model: DynamicsModel = pkgutil.resolve_name(DYNAMICS[name])(
+        state_dim, action_dim, angle_dims, generator=generator, **kwargs
+    )
+    return model

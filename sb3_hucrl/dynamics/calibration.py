@@ -1,10 +1,47 @@
-"""How well predicted uncertainty matches the errors that are made."""
+"""How well predicted uncertainty matches the errors that are made, and its repair."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch as th
 
-CONFIDENCE_LEVELS = 19
+#: confidence levels at which coverage is measured
+LEVELS = th.linspace(0.05, 0.95, 19)
+
+#: standard deviations are stretched or shrunk by at most this factor
+MAX_SCALE = 100.0
+
+#: with fewer held-out transitions than this a scale would fit their noise
+MIN_HOLDOUT = 20
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """
+    Confidence against coverage on transitions that were not learned from.
+
+    :param coverage: share of errors below the predicted quantile, for each of :data:`LEVELS`; shape (levels, p)
+    :param error: see :func:`calibration_error`, shape (p,)
+    :param raw_error: the same before recalibration, shape (p,)
+    :param scale: factor of the standard deviations that recalibration found, shape (p,)
+    """
+
+    coverage: th.Tensor
+    error: th.Tensor
+    raw_error: th.Tensor
+    scale: th.Tensor
+
+    @classmethod
+    def measure(cls, error: th.Tensor, std: th.Tensor, scale: th.Tensor) -> Calibration:
+        """
+        :param error: observed minus predicted on held-out transitions, shape (n, p)
+        :param std: predicted before recalibration, shape (n, p)
+        :param scale: its factor, shape (p,)
+        """
+        coverage, raw_coverage = reliability(error, scale * std), reliability(error, std)
+        results = (coverage, calibration_error(coverage), calibration_error(raw_coverage), scale.clone())
+        return cls(*(result.cpu() for result in results))
 
 
 def gaussian_nll(error: th.Tensor, std: th.Tensor) -> th.Tensor:
@@ -18,18 +55,43 @@ def gaussian_nll(error: th.Tensor, std: th.Tensor) -> th.Tensor:
     return -th.distributions.Normal(th.zeros_like(std), std).log_prob(error).sum(dim=-1)
 
 
-def calibration_error(error: th.Tensor, std: th.Tensor) -> th.Tensor:
+def reliability(error: th.Tensor, std: th.Tensor) -> th.Tensor:
     """
-    Mean gap between confidence and coverage (Kuleshov et al. 2018, with absolute instead of squared gaps).
-
-    For each level c in {0.05, ..., 0.95} a calibrated model has a share c of its errors below the predicted
-    c-quantile. 0 is perfect, 0.5 the worst.
+    The reliability curve: at confidence level c, a calibrated model has a share c of its errors below the predicted
+    c-quantile (Kuleshov et al. 2018, equation 3).
 
     :param error: observed minus predicted, shape (n, p)
-    :param std: predicted standard deviation, shape (n, p)
-    :return: one value per dimension, shape (p,)
+    :param std: predicted standard deviation, shape (..., n, p)
+    :return: coverage at each of :data:`LEVELS`, shape (..., levels, p)
     """
-    cdf = th.special.ndtr(error / std)
-    levels = th.linspace(0, 1, CONFIDENCE_LEVELS + 2, device=error.device)[1:-1]
-    coverage = (cdf.unsqueeze(-1) <= levels).float().mean(dim=0)
-    return (coverage - levels).abs().mean(dim=-1)
+    quantile = th.special.ndtr(error / std)
+    levels = LEVELS.to(error)
+    return th.stack([(quantile <= level).to(error.dtype).mean(dim=-2) for level in levels], dim=-2)
+
+
+def calibration_error(coverage: th.Tensor) -> th.Tensor:
+    """
+    Mean gap between confidence and coverage. 0 is perfect, 0.25 is as wrong as a certain or a clueless unbiased model.
+
+    :param coverage: a :func:`reliability` curve, shape (..., levels, p)
+    :return: one value per dimension, shape (..., p)
+    """
+    return (coverage - LEVELS.to(coverage).unsqueeze(-1)).abs().mean(dim=-2)
+
+
+def recalibration_scale(error: th.Tensor, std: th.Tensor) -> th.Tensor:
+    """
+    The factor of the predicted std with the least calibration error, per dimension (the one-parameter case of Kuleshov
+    et al. 2018; in model-based RL: Malik et al. 2019). It is 1 where nothing is better.
+
+    :param error: observed minus predicted on held-out transitions, shape (n, p)
+    :param std: predicted, shape (n, p)
+    :return: shape (p,), between 1 / :data:`MAX_SCALE` and :data:`MAX_SCALE`
+    """
+    if len(error) < MIN_HOLDOUT:
+        return th.ones_like(error[0])
+    steps = th.linspace(0, 1, 41)
+    # Sorted by distance from 1, so that of equally good factors the mildest is the first.
+    factors = MAX_SCALE ** th.stack([steps, -steps], dim=1).flatten()[1:].to(error)
+    errors = calibration_error(reliability(error, factors.view(-1, 1, 1) * std))
+    return factors[errors.argmin(dim=0)]

@@ -1,54 +1,150 @@
-"""How states enter a model: angles as (sin, cos), everything else as it is."""
+"""Feature models: Bayesian linear regression on Fourier features of the squared exponential kernel (appendix B.4.5)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch as th
-from torch import nn
+
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
+from sb3_hucrl.dynamics.fourier import FourierFeatures, quadrature_features, random_features
+from sb3_hucrl.dynamics.linear import BayesianLinearRegression
 
 
-class StateFeatures(nn.Module):
+class FeatureModel(DeltaModel):
     """
-    Encodes states whose angles would otherwise jump at ±π.
+    A Gaussian process in weight space: exact for the kernel φ(x)ᵀφ(x′), whatever the number of transitions.
+
+    Each fit adds only the new transitions. Since features of inputs that are scaled anew cannot be added to old ones,
+    the scale of inputs and targets is set anew, and everything added again, only when the data have doubled.
+
+    :param features: makes φ from the number of (standardised) inputs, the lengthscale and the generator
+    :param state_dim: p
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param lengthscale: of the kernel, in standard deviations of the inputs
+    :param outputscale: prior standard deviation of a standardised target
+    :param noise_std: σ, standard deviation of the noise of a standardised target
+    :param recalibrate: scale standard deviations to fit the errors on held-out transitions
+    :param generator: draws the features, where they are random
+    :raises ValueError: if a scale is not positive
+    """
+
+    scaled_on: th.Tensor
+    num_seen: th.Tensor
+
+    def __init__(
+        self,
+        features: Callable[[int, float, th.Generator | None], FourierFeatures],
+        state_dim: int,
+        action_dim: int,
+        angle_dims: Sequence[int] = (),
+        lengthscale: float = 10.0,
+        outputscale: float = 3.0,
+        noise_std: float = 0.01,
+        recalibrate: bool = False,
+        generator: th.Generator | None = None,
+    ) -> None:
+        super().__init__(state_dim, action_dim, angle_dims, recalibrate)
+        require_positive(outputscale=outputscale, noise_std=noise_std)
+        self.fourier = features(self.input_dim, lengthscale, generator)
+        self.noise_std = noise_std
+        self.regression = BayesianLinearRegression(self.fourier.num_features, state_dim, outputscale**2, noise_std)
+        #: number of transitions that the scale was set on, and that were learned from
+        self.register_buffer("scaled_on", th.zeros((), dtype=th.long))
+        self.register_buffer("num_seen", th.zeros((), dtype=th.long))
+
+    @th.no_grad()
+    def _learn(
+        self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator
+    ) -> float:
+        if len(inputs) >= 2 * self.scaled_on:
+            self.inputs.update(inputs)
+            self.deltas.update(deltas)
+            self.regression.reset()
+            self.num_seen.zero_()
+            self.scaled_on.fill_(len(inputs))
+        new_inputs, new_deltas = inputs[self.num_seen :], deltas[self.num_seen :]
+        self.regression.update(self.fourier(self.inputs(new_inputs)), self.deltas(new_deltas).double())
+        self.num_seen.fill_(len(inputs))
+        mean, _ = self.regression.predict(self.fourier(self.inputs(inputs)))
+        return float((self.deltas(deltas) - mean).square().sum(dim=-1).mean())
+
+    def _moments(self, inputs: th.Tensor) -> Moments:
+        mean, std = self.regression.predict(self.fourier(inputs))
+        return self._as_moments(inputs, mean, std.expand_as(mean))
+
+    def _sample(self, generator: th.Generator, num_samples: int) -> Callable[[th.Tensor], Moments]:
+        weights = self.regression.sample_weights(num_samples, generator)
+
+        def function(inputs: th.Tensor) -> Moments:
+            features = self.fourier(inputs)
+            if num_samples == 1:
+                mean = features @ weights[0]
+            else:
+                rows = th.arange(len(inputs), device=inputs.device) % num_samples
+                mean = (features.unsqueeze(1) @ weights[rows]).squeeze(1)
+            return self._as_moments(inputs, mean, th.zeros_like(mean))
+
+        return function
+
+    def _as_moments(self, inputs: th.Tensor, mean: th.Tensor, std: th.Tensor) -> Moments:
+        return Moments(mean.to(inputs), std.to(inputs), th.full_like(mean, self.noise_std).to(inputs))
+
+    def confidence_width(self, delta: float, norm_bound: float) -> float:
+        gain = self.state_dim * self.regression.information_gain()
+        return norm_bound + 4 * self.noise_std * math.sqrt(gain + 1 + math.log(1 / delta))
+
+
+class RandomFourierModel(FeatureModel):
+    """
+    Feature model on random Fourier features.
 
     :param state_dim: p
-    :param angle_dims: indices of the state's angles, in radians
-    :raises ValueError: if an index lies outside the state
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param num_features: even; the paper uses 1,296
+    :param settings: of :class:`FeatureModel`
     """
 
-    angle_dims: th.Tensor
-    linear_dims: th.Tensor
+    def __init__(
+        self,
+        state_dim: int,
+        action_dim: int,
+        angle_dims: Sequence[int] = (),
+        num_features: int = 1_296,
+        **settings: Any,
+    ) -> None:
+        def features(input_dim: int, lengthscale: float, generator: th.Generator | None) -> FourierFeatures:
+            return random_features(input_dim, num_features, lengthscale, generator)
 
-    def __init__(self, state_dim: int, angle_dims: Sequence[int] = ()) -> None:
-        super().__init__()
-        outside = [dim for dim in angle_dims if not 0 <= dim < state_dim]
-        if outside:
-            raise ValueError(f"angle_dims {outside} lie outside a state of {state_dim} dimensions")
-        linear_dims = [dim for dim in range(state_dim) if dim not in angle_dims]
-        self.register_buffer("angle_dims", th.tensor(angle_dims, dtype=th.long), persistent=False)
-        self.register_buffer("linear_dims", th.tensor(linear_dims, dtype=th.long), persistent=False)
-        self.output_dim = len(linear_dims) + 2 * len(angle_dims)
+        super().__init__(features, state_dim, action_dim, angle_dims, **settings)
 
-    def forward(self, state: th.Tensor) -> th.Tensor:
-        """
-        :param state: shape (..., p)
-        :return: shape (..., output_dim)
-        """
-        if len(self.angle_dims) == 0:
-            return state
-        angles = state.index_select(-1, self.angle_dims)
-        return th.cat([angles.sin(), angles.cos(), state.index_select(-1, self.linear_dims)], dim=-1)
 
-    def difference(self, state: th.Tensor, reference: th.Tensor) -> th.Tensor:
-        """
-        state - reference, the angles' part wrapped to [-π, π).
+class QuadratureFourierModel(FeatureModel):
+    """
+    Feature model on quadrature Fourier features, for up to four or five input dimensions.
 
-        :param state: shape (..., p)
-        :param reference: shape (..., p)
-        :return: shape (..., p)
-        """
-        delta = state - reference
-        delta[..., self.angle_dims] = (delta[..., self.angle_dims] + math.pi) % (2 * math.pi) - math.pi
-        return delta
+    :param state_dim: p
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param nodes_per_dim: grid points along each input dimension; the paper's 625 features are 5 in each of 4
+    :param settings: of :class:`FeatureModel`
+    :raises ValueError: if the grid has too many points
+    """
+
+    def __init__(
+        self,
+        state_dim: int,
+        action_dim: int,
+        angle_dims: Sequence[int] = (),
+        nodes_per_dim: int = 5,
+        **settings: Any,
+    ) -> None:
+        def features(input_dim: int, lengthscale: float, generator: th.Generator | None) -> FourierFeatures:
+            return quadrature_features(input_dim, nodes_per_dim, lengthscale)
+
+        super().__init__(features, state_dim, action_dim, angle_dims, **settings)

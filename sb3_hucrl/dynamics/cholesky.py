@@ -1,0 +1,25 @@
+"""Cholesky factors that fail with advice."""
+
+from __future__ import annotations
+
+import torch as th
+from linear_operator.utils.cholesky import psd_safe_cholesky
+from linear_operator.utils.errors import NanError, NotPSDError
+
+
+def safe_cholesky(matrix: th.Tensor) -> th.Tensor:
+    """
+    A growing jitter is added to the diagonal where rounding has made the matrix indefinite.
+
+    :param matrix: symmetric, shape (..., n, n)
+    :return: lower factor
+    :raises ValueError: if the matrix is not positive definite in spite of the jitter
+    """
+    try:
+        factor: th.Tensor = psd_safe_cholesky(matrix)
+    except (NotPSDError, NanError) as error:
+        raise ValueError(
+            f"a kernel matrix of {matrix.shape[-1]} rows is not positive definite ({error}): raise the model's "
+            "noise_std, or lower its lengthscale"
+        ) from error
+    return factor

@@ -1,0 +1,156 @@
+"""What all learned models share: standardised inputs, standardised state differences, and calibration."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch as th
+
+from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction, Predictor
+from sb3_hucrl.dynamics.calibration import Calibration, gaussian_nll, recalibration_scale
+from sb3_hucrl.dynamics.encoding import Standardiser, StateFeatures
+
+
+def require_positive(**values: float) -> None:
+    """
+    :param values: by name
+    :raises ValueError: unless all are above 0 and finite
+    """
+    for name, value in values.items():
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} is {value}: give a positive number")
+
+
+@dataclass(frozen=True)
+class Moments:
+    """
+    Prediction of standardised state differences.
+
+    :param mean: shape (B, p)
+    :param epistemic_std: shape (B, p)
+    :param aleatoric_std: shape (B, p)
+    """
+
+    mean: th.Tensor
+    epistemic_std: th.Tensor
+    aleatoric_std: th.Tensor
+
+
+class DeltaModel(DynamicsModel):
+    """
+    Learns the difference of successive states, with inputs (state features, action) and targets standardised on the
+    data so far. What is left to a subclass is regression between standardised tensors.
+
+    :param state_dim: p
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param recalibrate: scale standard deviations per dimension to fit the errors on held-out transitions
+    """
+
+    std_scale: th.Tensor
+
+    def __init__(self, state_dim: int, action_dim: int, angle_dims: Sequence[int], recalibrate: bool) -> None:
+        super().__init__(state_dim, action_dim)
+        self.recalibrate = recalibrate
+        self.features = StateFeatures(state_dim, angle_dims)
+        self.input_dim = self.features.output_dim + action_dim
+        self.inputs = Standardiser(self.input_dim)
+        self.deltas = Standardiser(state_dim)
+        self.register_buffer("std_scale", th.ones(state_dim))
+
+    @abstractmethod
+    def _learn(
+        self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator
+    ) -> float:
+        """
+        :param inputs: of all training transitions in order, shape (n, input_dim); standardise with :attr:`inputs`
+        :param deltas: state differences, shape (n, p); standardise with :attr:`deltas`
+        :param dataset: where they come from
+        :param generator: the source of all randomness of the fit, on the CPU
+        :return: final training loss
+        """
+
+    @abstractmethod
+    def _moments(self, inputs: th.Tensor) -> Moments:
+        """
+        :param inputs: standardised, shape (B, input_dim)
+        """
+
+    @abstractmethod
+    def _sample(self, generator: th.Generator, num_samples: int) -> Callable[[th.Tensor], Moments]:
+        """
+        :param generator: draws the functions, on the CPU
+        :param num_samples: how many; row i of their inputs belongs to number i modulo ``num_samples``
+        :return: maps standardised inputs to moments without epistemic std
+        """
+
+    def encode(self, state: th.Tensor, action: th.Tensor) -> th.Tensor:
+        """
+        :param state: shape (B, p)
+        :param action: shape (B, q)
+        :return: model inputs, not yet standardised, shape (B, input_dim)
+        """
+        return th.cat([self.features(state), action], dim=-1)
+
+    def in_state_units(self, state: th.Tensor, moments: Moments) -> Prediction:
+        """
+        :param state: where the difference is counted from, shape (B, p)
+        :param moments: of the standardised difference
+        """
+        std_scale = self.deltas.std * self.std_scale
+        return Prediction(
+            mean=th.addcmul(state + self.deltas.mean, moments.mean, self.deltas.std),
+            epistemic_std=moments.epistemic_std * std_scale,
+            aleatoric_std=moments.aleatoric_std * std_scale,
+        )
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        return self.in_state_units(state, self._moments(self.inputs(self.encode(state, action))))
+
+    def sample_posterior(self, generator: th.Generator, num_samples: int = 1) -> Predictor:
+        return SampledModel(self, self._sample(generator, num_samples))
+
+    def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
+        train = dataset.train
+        if len(train) < 2:
+            raise ValueError(
+                f"a dynamics model needs at least 2 training transitions, got {len(train)}: collect more episodes"
+            )
+        states = train.states.to(self.device)
+        inputs = self.encode(states, train.actions.to(self.device))
+        deltas = self.features.difference(train.next_states.to(self.device), states)
+        loss = self._learn(inputs, deltas, dataset, generator)
+        nll, calibration = self._judge(dataset.holdout)
+        return FitReport(loss, len(train), nll, calibration)
+
+    @th.no_grad()
+    def _judge(self, holdout: Transitions) -> tuple[float, Calibration]:
+        self.std_scale.fill_(1.0)
+        prediction = self.predict(holdout.states.to(self.device), holdout.actions.to(self.device))
+        error = self.features.difference(holdout.next_states.to(self.device), prediction.mean)
+        std = prediction.predictive_std
+        if self.recalibrate:
+            self.std_scale.copy_(recalibration_scale(error, std))
+        return float(gaussian_nll(error, self.std_scale * std).mean()), Calibration.measure(error, std, self.std_scale)
+
+
+class SampledModel(Predictor):
+    """
+    Functions drawn from the posterior of a model, in state units.
+
+    :param model: what they were drawn from
+    :param function: maps standardised inputs to moments of standardised differences
+    """
+
+    def __init__(self, model: DeltaModel, function: Callable[[th.Tensor], Moments]) -> None:
+        super().__init__(model.state_dim, model.action_dim)
+        self._model = model
+        self._function = function
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        model = self._model
+        return model.in_state_units(state, self._function(model.inputs(model.encode(state, action))))

@@ -1,0 +1,26 @@
+"""Where imagination stops trusting the model."""
+
+from __future__ import annotations
+
+import torch as th
+
+from sb3_hucrl.data import Transitions
+from sb3_hucrl.dynamics.base import Predictor
+
+#: the share of real transitions whose uncertainty counts as ordinary
+QUANTILE = 0.95
+
+
+@th.no_grad()
+def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float) -> th.Tensor:
+    """
+    A limit learned from the data, as in MACURA (Frauenknecht et al. 2024): a multiple of the epistemic std that 95 % of
+    the real transitions stay below.
+
+    :param model: newly fitted
+    :param transitions: all real ones
+    :param multiple: of the quantile
+    :return: one limit per state dimension, shape (p,)
+    """
+    prediction = model.predict(transitions.states.to(model.device), transitions.actions.to(model.device))
+    return multiple * prediction.epistemic_std.quantile(QUANTILE, dim=0)

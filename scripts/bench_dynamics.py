@@ -1,0 +1,117 @@
+"""
+What a fit and a prediction cost, for every dynamics model: against transitions, and against states per prediction.
+
+All times are wall-clock on one thread. The last lines compare the ensemble with its own members run one by one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch as th
+from tqdm import tqdm
+
+from sb3_hucrl import TransitionDataset, Transitions
+from sb3_hucrl.dynamics import DYNAMICS, ProbabilisticEnsemble, make_dynamics
+
+
+def random_dataset(transitions: int) -> TransitionDataset:
+    """Transitions of a smooth system with the pendulum's dimensions, from random states."""
+    generator = th.Generator().manual_seed(0)
+    states = th.rand(transitions, 2, generator=generator) * th.tensor([6.28, 10.0]) - th.tensor([3.14, 5.0])
+    actions = th.rand(transitions, 1, generator=generator) * 2 - 1
+    velocity = states[:, 1] + 0.25 * states[:, 0].sin() + 0.17 * actions[:, 0]
+    next_states = th.stack([states[:, 0] + velocity / 80, velocity], dim=1)
+    dataset = TransitionDataset(2, 1)
+    column = th.zeros(transitions)
+    dataset.append_episode(Transitions(states, actions, next_states, column, column.bool()))
+    return dataset
+
+
+def median_seconds(function: Callable[[], object], budget: float) -> float:
+    """Median time of a call, over as many calls as fit into the budget, and at least 3."""
+    times: list[float] = []
+    while len(times) < 3 or sum(times) < budget:
+        started = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - started)
+    return float(np.median(times))
+
+
+def cost(name: str, dataset: TransitionDataset, batches: list[int], budget: float) -> list[dict[str, object]]:
+    """One row for each batch size; a model that refuses the data has none."""
+    model = make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(0))
+    started = time.perf_counter()
+    try:
+        model.fit(dataset, th.Generator().manual_seed(0))
+    except ValueError as error:
+        tqdm.write(f"{name}, {len(dataset)} transitions: {error}")
+        return []
+    fit_seconds = time.perf_counter() - started
+    rows: list[dict[str, object]] = []
+    for states in batches:
+        batch = random_dataset(states).transitions
+        with th.inference_mode():
+            model.predict(batch.states, batch.actions)
+            seconds = median_seconds(partial(model.predict, batch.states, batch.actions), budget)
+        rows.append(
+            {"dynamics": name, "transitions": len(dataset), "fit_s": round(fit_seconds, 3), "states": states}
+            | {"predict_ms": round(1e3 * seconds, 3)}
+        )
+    return rows
+
+
+def batching_gain(states: int, budget: float) -> float:
+    """How many times faster the networks of an ensemble are as one product than one member at a time."""
+    model = ProbabilisticEnsemble(2, 1, (0,), generator=th.Generator().manual_seed(0))
+    inputs = th.randn(states, model.input_dim)
+    members = range(model.num_members)
+
+    def batched() -> th.Tensor:
+        return model.networks(inputs.expand(model.num_members, -1, -1))
+
+    def one_by_one() -> th.Tensor:
+        return th.cat([model.networks(inputs.unsqueeze(0), slice(index, index + 1)) for index in members])
+
+    with th.inference_mode():
+        th.testing.assert_close(batched(), one_by_one())
+        # In turns, so that whatever else the machine does hits both alike.
+        ratios = [median_seconds(one_by_one, budget / 10) / median_seconds(batched, budget / 10) for _ in range(10)]
+    return float(np.median(ratios))
+
+
+def main() -> None:
+    """Measure, write the CSV and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=list(DYNAMICS))
+    parser.add_argument("--transitions", nargs="+", type=int, default=[400, 2_000, 4_000, 20_000])
+    parser.add_argument("--states", nargs="+", type=int, default=[1, 32, 256, 4_096])
+    parser.add_argument("--budget", type=float, default=0.5, help="seconds spent on each prediction timing")
+    parser.add_argument("--output", type=Path, default=Path("results/dynamics_cost.csv"))
+    args = parser.parse_args()
+    th.set_num_threads(1)
+    rows: list[dict[str, object]] = []
+    for transitions in tqdm(args.transitions, unit="dataset"):
+        dataset = random_dataset(transitions)
+        for name in args.dynamics:
+            rows.extend(cost(name, dataset, args.states, args.budget))
+    table = pd.DataFrame(rows)
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(args.output, index=False)
+    print(
+        table.pivot_table(index=["dynamics", "transitions", "fit_s"], columns="states", values="predict_ms", sort=False)
+    )
+    for states in args.states:
+        print(
+            f"ensemble at {states} states: {batching_gain(states, args.budget):.1f} times as fast as member by member"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""
+Reliability diagrams of every dynamics model on real pendulum transitions, before and after recalibration.
+
+For each seed, a model learns from a few real episodes with random torques, 10 % of which it holds out and recalibrates
+on. Coverage is then measured on other real episodes, which it has never seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import torch as th
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tqdm import tqdm
+
+from sb3_hucrl import TransitionDataset, Transitions
+from sb3_hucrl.dynamics import DYNAMICS, make_dynamics
+from sb3_hucrl.dynamics.calibration import calibration_error, reliability
+from sb3_hucrl.dynamics.delta import DeltaModel
+from sb3_hucrl.plots import reliability_figure
+from sb3_hucrl.rollout import Actor, Array, collect_episode
+from sb3_hucrl.tasks import PendulumTask
+
+
+def random_torques(rng: np.random.Generator, hold: int) -> Actor:
+    """Uniform torques, each held for a number of steps, so that the pendulum gets going."""
+    steps, torque = 0, np.zeros(1, dtype=np.float32)
+
+    def act(observation: Array, first: bool) -> Array:
+        nonlocal steps, torque
+        if steps % hold == 0:
+            torque = rng.uniform(-1, 1, 1).astype(np.float32)
+        steps += 1
+        return torque
+
+    return act
+
+
+def collect(venv: DummyVecEnv, episodes: int, rng: np.random.Generator) -> list[Transitions]:
+    """Real episodes."""
+    task = PendulumTask()
+    return [collect_episode(venv, random_torques(rng, hold=40), task, action_dim=1) for _ in range(episodes)]
+
+
+def coverage(model: DeltaModel, unseen: Transitions) -> th.Tensor:
+    """Reliability curve on unseen transitions, shape (levels, p)."""
+    with th.no_grad():
+        prediction = model.predict(unseen.states, unseen.actions)
+    error = model.features.difference(unseen.next_states, prediction.mean)
+    return reliability(error, prediction.predictive_std)
+
+
+def main() -> None:
+    """Fit, measure, write the CSV and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=list(DYNAMICS))
+    parser.add_argument("--seeds", nargs="+", type=int, default=[21, 22, 23, 24, 25])
+    parser.add_argument("--episodes", type=int, default=3, help="real episodes to learn from")
+    parser.add_argument("--output", type=Path, default=Path("results/calibration.csv"))
+    parser.add_argument("--picture", type=Path, default=Path("docs/calibration"), help="folder, one picture per model")
+    args = parser.parse_args()
+    venv = DummyVecEnv([lambda: gym.make("HUCRL-Pendulum-v0", hallucinate=False)])
+    curves: dict[str, dict[str, list[th.Tensor]]] = {name: {"before": [], "after": []} for name in args.dynamics}
+    rows = []
+    for seed in tqdm(args.seeds, unit="seed"):
+        rng = np.random.default_rng(seed)
+        dataset = TransitionDataset(2, 1, seed=seed)
+        for episode in collect(venv, args.episodes, rng):
+            dataset.append_episode(episode)
+        unseen = Transitions.concatenate(collect(venv, 3, rng))
+        for name in args.dynamics:
+            model = make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(seed), recalibrate=True)
+            assert isinstance(model, DeltaModel)
+            scale = model.fit(dataset, th.Generator().manual_seed(seed)).calibration.scale
+            after = coverage(model, unseen)
+            model.std_scale.fill_(1.0)
+            before = coverage(model, unseen)
+            curves[name]["before"].append(before)
+            curves[name]["after"].append(after)
+            errors = {"before": calibration_error(before), "after": calibration_error(after)}
+            for dim in range(2):
+                row = {"dynamics": name, "seed": seed, "dimension": dim, "scale": round(float(scale[dim]), 4)}
+                rows.append(row | {when: round(float(error[dim]), 4) for when, error in errors.items()})
+    table = pd.DataFrame(rows)
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(args.output, index=False)
+    print(table.groupby(["dynamics", "seed"], sort=False)[["before", "after"]].mean().unstack("seed").round(3))
+    args.picture.mkdir(parents=True, exist_ok=True)
+    for name, curve in curves.items():
+        mean = {when: th.stack(each).mean(dim=0) for when, each in curve.items()}
+        figure = reliability_figure(mean, title=f"{name}, mean of {len(args.seeds)} seeds")
+        figure.savefig(args.picture / f"{name}.png", dpi=120)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Ensembles of networks."""
+
+import pytest
+import torch as th
+
+from helpers import pendulum_dataset, random_transitions
+from sb3_hucrl import ProbabilisticEnsemble, TransitionDataset, Transitions
+from sb3_hucrl.dynamics import DeterministicEnsemble
+from sb3_hucrl.dynamics.calibration import calibration_error, reliability
+from sb3_hucrl.dynamics.ensemble import Ensemble
+from sb3_hucrl.dynamics.networks import BatchedLinear
+
+
+def ensemble(seed: int = 0, gradient_steps: int = 500) -> ProbabilisticEnsemble:
+    generator = th.Generator().manual_seed(seed)
+    return ProbabilisticEnsemble(2, 1, angle_dims=(0,), gradient_steps=gradient_steps, generator=generator)
+
+
+def test_predicts_held_out_pendulum_transitions() -> None:
+    model = ensemble(gradient_steps=1_500)
+    report = model.fit(pendulum_dataset(2_000), th.Generator().manual_seed(0))
+    fresh = random_transitions(500, seed=77)
+    with th.no_grad():
+        prediction = model.predict(fresh.states, fresh.actions)
+    unexplained = (prediction.mean - fresh.next_states).var(dim=0) / (fresh.next_states - fresh.states).var(dim=0)
+    assert (unexplained < 0.01).all()
+    assert report.num_train > 1_700
+    assert report.holdout_nll < -4
+    assert (report.calibration.error < 0.3).all()
+
+
+def test_epistemic_std_grows_away_from_the_data() -> None:
+    model = ensemble()
+    model.fit(pendulum_dataset(1_000), th.Generator().manual_seed(0))
+    seen = random_transitions(100, seed=5)
+    far = seen.states + th.tensor([0.0, 60.0])
+    with th.no_grad():
+        near_std = model.predict(seen.states, seen.actions).epistemic_std.mean(dim=0)
+        far_std = model.predict(far, seen.actions).epistemic_std.mean(dim=0)
+    assert (far_std > 5 * near_std).all()
+
+
+def test_aleatoric_std_finds_the_noise_of_the_data() -> None:
+    generator = th.Generator().manual_seed(0)
+    clean = random_transitions(3_000)
+    noise = 0.3 * th.randn(3_000, generator=generator)
+    next_states = clean.next_states + th.stack([th.zeros(3_000), noise], dim=1)
+    dataset = TransitionDataset(2, 1)
+    dataset.append_episode(Transitions(clean.states, clean.actions, next_states, clean.rewards, clean.terminated))
+    model = ensemble(gradient_steps=1_500)
+    model.fit(dataset, generator)
+    with th.no_grad():
+        prediction = model.predict(clean.states, clean.actions)
+    assert 0.2 < float(prediction.aleatoric_std[:, 1].mean()) < 0.4
+    error = calibration_error(reliability(next_states - prediction.mean, prediction.predictive_std))
+    assert float(error[1]) < 0.06
+
+
+def test_deterministic_ensemble_finds_the_noise_of_the_data() -> None:
+    model = DeterministicEnsemble(2, 1, (0,), generator=th.Generator().manual_seed(0))
+    clean = random_transitions(2_000)
+    noise = th.tensor([0.0, 0.3]) * th.randn(2_000, 2, generator=th.Generator().manual_seed(1))
+    dataset = TransitionDataset(2, 1)
+    dataset.append_episode(
+        Transitions(clean.states, clean.actions, clean.next_states + noise, clean.rewards, clean.terminated)
+    )
+    model.fit(dataset, th.Generator().manual_seed(0))
+    with th.no_grad():
+        aleatoric = model.predict(clean.states, clean.actions).aleatoric_std
+    assert (aleatoric == aleatoric[0]).all()
+    assert 0.25 < float(aleatoric[0, 1]) < 0.35
+    assert float(aleatoric[0, 0]) < 0.01
+
+
+def test_moments_are_those_of_the_members() -> None:
+    model = ensemble(gradient_steps=50)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(7, seed=1)
+    inputs = model.inputs(model.encode(batch.states, batch.actions))
+    means, variances = [], []
+    for member in range(model.num_members):
+        # One member at a time, through its own weights.
+        hidden = inputs
+        for index, layer in enumerate(model.networks.layers):
+            assert isinstance(layer, BatchedLinear)
+            hidden = hidden @ layer.weight[member] + layer.bias[member]
+            if index < len(model.networks.layers) - 1:
+                hidden = th.nn.functional.silu(hidden)
+        means.append(batch.states + hidden[:, :2] * model.deltas.std + model.deltas.mean)
+        variances.append(model._noise(hidden[:, 2:]) * model.deltas.std**2)
+    prediction = model.predict(batch.states, batch.actions)
+    th.testing.assert_close(prediction.mean, th.stack(means).mean(dim=0))
+    th.testing.assert_close(prediction.epistemic_std, th.stack(means).std(dim=0, correction=0), rtol=1e-3, atol=1e-5)
+    th.testing.assert_close(prediction.aleatoric_std, th.stack(variances).mean(dim=0).sqrt())
+
+
+@pytest.mark.parametrize("kind", [ProbabilisticEnsemble, DeterministicEnsemble])
+def test_posterior_samples_are_members(kind: type[Ensemble]) -> None:
+    model = kind(2, 1, (0,), gradient_steps=50, generator=th.Generator().manual_seed(0))
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(6, seed=1)
+    generator = th.Generator().manual_seed(3)
+    with th.no_grad():
+        alone = [model.sample_posterior(generator) for _ in range(60)]
+        means = {tuple(sample.predict(batch.states, batch.actions).mean.flatten().tolist()) for sample in alone}
+        # 60 draws miss one of 5 members with a probability of 1e-5.
+        assert len(means) == model.num_members
+        average = th.tensor(sorted(means)).mean(dim=0).view(6, 2)
+        th.testing.assert_close(average, model.predict(batch.states, batch.actions).mean)
+        mixed = model.sample_posterior(generator, 3).predict(batch.states, batch.actions)
+        repeated = th.cat([batch.states[3:], batch.states[:3]]), th.cat([batch.actions[3:], batch.actions[:3]])
+        swapped = model.sample_posterior(generator.manual_seed(3), 3)
+        th.testing.assert_close(
+            swapped.predict(*repeated).mean.roll(3, 0), swapped.predict(batch.states, batch.actions).mean
+        )
+    assert (mixed.epistemic_std == 0).all()
+    rows = mixed.mean.tolist()
+    columns = [{tuple(mean[2 * row : 2 * row + 2]) for mean in means} for row in range(6)]
+    for row, column in zip(rows, columns, strict=True):
+        assert min(abs(a - row[0]) + abs(b - row[1]) for a, b in column) < 1e-5
+
+
+def test_without_bootstrap_all_members_weigh_the_data_alike() -> None:
+    def fit(bootstrap: bool, scale: float) -> th.Tensor:
+        model = ProbabilisticEnsemble(
+            2, 1, (0,), gradient_steps=10, bootstrap=bootstrap, generator=th.Generator().manual_seed(0)
+        )
+        dataset = pendulum_dataset(100)
+        dataset.bootstrap_weights(5)
+        dataset._weights = dataset._weights * scale
+        model.fit(dataset, th.Generator().manual_seed(0))
+        return next(model.networks.parameters()).detach()
+
+    assert th.equal(fit(False, 1.0), fit(False, 0.0))
+    assert not th.equal(fit(True, 1.0), fit(True, 0.0))
+
+
+def test_fewer_than_two_members_are_an_error() -> None:
+    with pytest.raises(ValueError, match="num_members is 1"):
+        ProbabilisticEnsemble(2, 1, num_members=1)
+
+
+def test_divergence_of_the_fit_is_an_error() -> None:
+    model = ProbabilisticEnsemble(2, 1, learning_rate=1e30, gradient_steps=20)
+    with pytest.raises(ValueError, match="lower learning_rate"):
+        model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+
+
+def test_a_large_batch_is_predicted_as_its_rows_are() -> None:
+    model = ensemble(gradient_steps=20)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(2_500)
+    with th.no_grad():
+        together = model.predict(batch.states, batch.actions)
+        apart = model.predict(batch.states[1_020:1_030], batch.actions[1_020:1_030])
+    th.testing.assert_close(together.mean[1_020:1_030], apart.mean)
+    th.testing.assert_close(together.aleatoric_std[1_020:1_030], apart.aleatoric_std)
