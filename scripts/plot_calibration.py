@@ -88,7 +88,8 @@ def main() -> None:
     table = pd.DataFrame(rows)
     args.output.parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(args.output, index=False)
-    print(table.groupby(["dynamics", "seed"], sort=False)[["before", "after"]].mean().unstack("seed").round(3))
+    by_run = table.groupby(["dynamics", "seed"], sort=False)[["before", "after"]].mean()
+    print(by_run.unstack("seed").round(3).to_string())
     args.picture.mkdir(parents=True, exist_ok=True)
     for name, curve in curves.items():
         mean = {when: th.stack(each).mean(dim=0) for when, each in curve.items()}

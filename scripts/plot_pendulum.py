@@ -30,7 +30,7 @@ def draw(results: pd.DataFrame, output: Path) -> None:
         axis.set_title(f"action penalty {penalty}, {starts} starts", fontsize=10)
         axis.set_xlabel("real steps")
         axis.grid(alpha=0.3)
-        axis.legend(loc="upper left", fontsize=8)
+        axis.legend(loc="center right", fontsize=8)
     axes[0][0].set_ylabel("real return")
     figure.tight_layout()
     output.parent.mkdir(parents=True, exist_ok=True)
