@@ -1,6 +1,7 @@
 """Gaussian processes against their closed form, scikit-learn and GPyTorch's own predictions."""
 
 import math
+import pickle
 from typing import Any
 
 import gpytorch
@@ -162,6 +163,17 @@ def test_prediction_does_not_factorise_again(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(ExactPosterior, "condition", refuse)
     model.predict(batch.states, batch.actions)
     model.sample_posterior(th.Generator()).predict(batch.states, batch.actions)
+
+
+@pytest.mark.parametrize("kind", [ExactGP, SparseGP])
+def test_gradients_flow_although_imagination_came_first(kind: type[GaussianProcess]) -> None:
+    model, batch = pickle.loads(pickle.dumps(fitted(kind, points=30))), random_transitions(3)
+    with th.inference_mode():
+        model.predict(batch.states, batch.actions)
+    actions = batch.actions.clone().requires_grad_()
+    model.predict(batch.states, actions).predictive_std.sum().backward()
+    assert actions.grad is not None
+    assert (actions.grad != 0).any()
 
 
 def test_an_impossible_kernel_says_what_to_do() -> None:

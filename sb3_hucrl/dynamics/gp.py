@@ -166,7 +166,8 @@ class GaussianProcess(DeltaModel):
     def posterior(self) -> Posterior:
         """Conditioned on the training data; factorised when first needed after a fit or a load."""
         if self._posterior is None:
-            with th.no_grad():
+            # Also when the first to ask is imagination, in inference mode: a planner may want gradients later.
+            with th.inference_mode(False), th.no_grad():
                 self._posterior = self._condition(self.train_inputs, self.train_targets)
         return self._posterior
 
