@@ -34,9 +34,9 @@ class HUCRLCallback(BaseCallback):
     At the start it runs ``initial_episodes`` random real episodes and fits the dynamics model. From then on the
     algorithm trains in imagination; after every ``imagined_steps`` of its timesteps the callback plays
     ``real_episodes`` episodes with the current policy (a′ dropped), appends them, refits, and restarts imagination.
-    Policy, critic and dynamics model are warm-started. These episodes sample the policy, as the search does: its mode
-    alone can stand still and teach the model nothing. Training itself also ends with real episodes, and those play the
-    mode, which is what SB3 evaluates.
+    Policy, critic and dynamics model are warm-started. At first these episodes sample the policy, as the search does:
+    its mode alone can stand still and teach the model nothing. Later ones, and always those that training ends with,
+    play the mode, which is what SB3 evaluates.
 
     ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
     ``model.hucrl`` (:class:`sb3_hucrl.state.HUCRLState`) and travels in the model's own zip file; a loaded model goes
@@ -51,6 +51,7 @@ class HUCRLCallback(BaseCallback):
     :param imagined_steps: timesteps of policy search between real episodes, over all imagined trajectories
     :param initial_episodes: random real episodes before the first search, at least 1
     :param real_episodes: real episodes after each search, at least 1
+    :param sampling_fraction: share of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.starts.StartStates`
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
@@ -70,6 +71,7 @@ class HUCRLCallback(BaseCallback):
         imagined_steps: int = 25_600,
         initial_episodes: int = 1,
         real_episodes: int = 1,
+        sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         uncertainty_cap: float | None = None,
         log_dir: str | None = None,
@@ -86,6 +88,8 @@ class HUCRLCallback(BaseCallback):
         for name, value in counts.items():
             if value < 1:
                 raise ValueError(f"{name} is {value}: give at least 1")
+        if not 0 <= sampling_fraction <= 1:
+            raise ValueError(f"sampling_fraction is {sampling_fraction}: give a share between 0 and 1")
         if isinstance(dynamics, str):
             require_known(dynamics)
         if uncertainty_cap is not None and not uncertainty_cap > 0:
@@ -100,6 +104,7 @@ class HUCRLCallback(BaseCallback):
         self.imagined_steps = imagined_steps
         self.initial_episodes = initial_episodes
         self.real_episodes = real_episodes
+        self.sampling_fraction = sampling_fraction
         self.start_states = start_states
         self.uncertainty_cap = uncertainty_cap
         self.log_dir = log_dir
@@ -142,7 +147,8 @@ class HUCRLCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         if self.model.num_timesteps - self._search_start >= self.imagined_steps:
-            self._end_search(deterministic=False)
+            progress = self.model.num_timesteps / self.model._total_timesteps
+            self._end_search(deterministic=progress >= self.sampling_fraction)
             self._start_search()
 
     def _on_step(self) -> bool:

@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[41, 42, 43, 44, 45])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--output", type=Path, default=Path("results/pendulum.csv"))
     parser.add_argument("--solved", type=float, default=150.0, help="return that counts as solved in the summary")

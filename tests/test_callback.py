@@ -26,6 +26,7 @@ from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import PendulumEnv
+from sb3_hucrl.rollout import Actor
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -51,6 +52,23 @@ def test_rounds_a_search_up_and_ends_the_last_one_with_training() -> None:
     model = small_sac().learn(100, callback=small_callback(real_episodes=2))
     # One random episode, two after 80 steps, two at the end after the remaining 20.
     assert state_of(model).real_episodes == 5
+
+
+@pytest.mark.parametrize(
+    ("fraction", "expected"), [(0.5, [False, True, True, True]), (1.0, [False, False, False, True])]
+)
+def test_real_episodes_sample_the_policy_first_and_play_its_mode_later(fraction: float, expected: list[bool]) -> None:
+    played = []
+
+    class Spy(HUCRLCallback):
+        def _policy_actor(self, deterministic: bool) -> Actor:
+            played.append(deterministic)
+            return super()._policy_actor(deterministic)
+
+    model = small_sac()
+    callback = Spy(imagined_steps=40, horizon=10, sampling_fraction=fraction, dynamics_kwargs={"gradient_steps": 5})
+    model.learn(160, callback=callback)
+    assert played == expected
 
 
 def test_monitor_and_progress_files_hold_the_real_episodes_in_order(tmp_path: Path) -> None:
@@ -289,6 +307,7 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
         ({"initial_episodes": 0}, "initial_episodes is 0: give at least 1"),
         ({"real_episodes": 0}, "real_episodes is 0"),
         ({"imagined_steps": 0}, "imagined_steps is 0"),
+        ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a share between 0 and 1"),
         ({"horizon": 0}, "horizon is 0"),
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
         ({"dynamics": "tree"}, "unknown dynamics 'tree'"),
