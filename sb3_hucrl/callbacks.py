@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import CSVOutputFormat
@@ -17,8 +18,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DynamicsModel, FitReport, Predictor, make_dynamics, require_known
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
+from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.report import record_fit
-from sb3_hucrl.rollout import Actor, Array, collect_episode
+from sb3_hucrl.rollout import Array, collect_episode
+from sb3_hucrl.selection import BatchActor, BestPolicy, imagined_return, one_by_one
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
@@ -36,7 +39,8 @@ class HUCRLCallback(BaseCallback):
     ``real_episodes`` episodes with the current policy (a′ dropped), appends them, refits, and restarts imagination.
     Policy, critic and dynamics model are warm-started. At first these episodes sample the policy, as the search does:
     its mode alone can stand still and teach the model nothing. Later ones, and always those that training ends with,
-    play the mode, which is what SB3 evaluates.
+    play the mode, which is what SB3 evaluates, of the best policy so far by the return that the latest model promises;
+    the search goes on from that one.
 
     ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
     ``model.hucrl`` (:class:`sb3_hucrl.state.HUCRLState`) and travels in the model's own zip file; a loaded model goes
@@ -109,6 +113,7 @@ class HUCRLCallback(BaseCallback):
         self.uncertainty_cap = uncertainty_cap
         self.log_dir = log_dir
         self._csv: CSVOutputFormat | None = None
+        self._best = BestPolicy()
         self._searching = False
         self._search_start = 0
         self._clock = 0.0
@@ -216,8 +221,8 @@ class HUCRLCallback(BaseCallback):
         if self.uncertainty_cap is not None:
             limit = epistemic_limit(state.dynamics, state.dataset.transitions, self.uncertainty_cap)
         num_envs = self.training_env.num_envs
-        model = self.strategy.begin_search(state.dynamics, num_envs, state.real_episodes, state.generator)
-        self._imagine(model, limit)
+        self._search_model = self.strategy.begin_search(state.dynamics, num_envs, state.real_episodes, state.generator)
+        self._imagine(self._search_model, limit)
         if isinstance(self.model, OffPolicyAlgorithm) and self.model.replay_buffer is not None:
             # What the last model imagined would contradict the new one.
             self.model.replay_buffer.reset()
@@ -227,12 +232,30 @@ class HUCRLCallback(BaseCallback):
         self._clock = time.perf_counter()
 
     def _end_search(self, deterministic: bool) -> None:
+        if deterministic:
+            self.logger.record("imagined/mode_return", self._best.choose(self.model, self._mode_return))
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
             actor = self._policy_actor(deterministic)
-            self._append(collect_episode(self._real_env, actor, self._task, self._action_dim))
+            self._append(collect_episode(self._real_env, one_by_one(actor), self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
+
+    def _mode_return(self) -> float:
+        """Of the policy's mode, from real start states, on what the search imagined."""
+        starts = StartStates(self._state.dataset, self._task, {"initial": 1.0})
+        box = require_bounded_box(self.training_env.action_space)
+        imagination = Imagination(
+            self._search_model,
+            self.strategy,
+            self._task,
+            starts,
+            self._horizon,
+            self.training_env.num_envs,
+            box,
+            seed=0,
+        )
+        return imagined_return(imagination, self._policy_actor(deterministic=True))
 
     def _append(self, episode: Transitions) -> None:
         self._state.dataset.append_episode(episode)
@@ -243,18 +266,15 @@ class HUCRLCallback(BaseCallback):
         uniform = th.rand(self._low.shape, generator=self._state.generator)
         return (self._low + uniform * (self._high - self._low)).numpy()
 
-    def _policy_actor(self, deterministic: bool) -> Actor:
+    def _policy_actor(self, deterministic: bool) -> BatchActor:
         normalizer = self.model.get_vec_normalize_env()
         memory: tuple[np.ndarray, ...] | None = None
 
-        def act(observation: Array, first: bool) -> Array:
+        def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
             nonlocal memory
-            batch = observation[np.newaxis]
-            inputs = batch if normalizer is None else normalizer.normalize_obs(batch)
-            actions, memory = self.model.predict(
-                inputs, state=memory, episode_start=np.array([first]), deterministic=deterministic
-            )
-            return actions[0]
+            inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
+            actions, memory = self.model.predict(inputs, state=memory, episode_start=first, deterministic=deterministic)
+            return actions
 
         return act
 

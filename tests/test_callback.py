@@ -26,7 +26,6 @@ from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import PendulumEnv
-from sb3_hucrl.rollout import Actor
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -61,9 +60,9 @@ def test_real_episodes_sample_the_policy_first_and_play_its_mode_later(fraction:
     played = []
 
     class Spy(HUCRLCallback):
-        def _policy_actor(self, deterministic: bool) -> Actor:
+        def _end_search(self, deterministic: bool) -> None:
             played.append(deterministic)
-            return super()._policy_actor(deterministic)
+            super()._end_search(deterministic)
 
     model = small_sac()
     callback = Spy(imagined_steps=40, horizon=10, sampling_fraction=fraction, dynamics_kwargs={"gradient_steps": 5})

@@ -1,0 +1,77 @@
+"""Choosing among the policies of several searches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+
+from helpers import TruePendulum, hanging_start, small_sac
+from sb3_hucrl import Greedy
+from sb3_hucrl.envs.pendulum import PendulumEnv
+from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.selection import Array, BestPolicy, imagined_return
+from sb3_hucrl.tasks import PendulumTask
+
+
+class FallingOver(PendulumTask):
+    """The pendulum's task, over as soon as it is 0.1 rad from hanging."""
+
+    def terminated(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+        return (next_state[:, 0] - math.pi).abs() > 0.1
+
+
+def full_torque(observations: Array, first: np.ndarray) -> Array:
+    return np.ones((len(observations), 1), dtype=np.float32)
+
+
+def imagination(task: PendulumTask) -> Imagination:
+    return Imagination(TruePendulum(), Greedy(), task, hanging_start(), 50, 3, spaces.Box(-1.0, 1.0, (1,)), seed=0)
+
+
+def test_imagined_return_is_the_real_one_when_the_model_is_the_truth() -> None:
+    env = PendulumEnv()
+    env.reset(seed=0)
+    real = sum(env.step(np.ones(1, dtype=np.float32))[1] for _ in range(50))
+    assert abs(imagined_return(imagination(PendulumTask()), full_torque) - real) < 1e-4
+
+
+def test_imagined_return_ends_with_the_task() -> None:
+    env = PendulumEnv()
+    env.reset(seed=0)
+    real = 0.0
+    while abs(env.theta - math.pi) <= 0.1:
+        real += env.step(np.ones(1, dtype=np.float32))[1]
+    assert abs(imagined_return(imagination(FallingOver()), full_torque) - real) < 1e-4
+
+
+class Search:
+    """The first parameter stands for the policy, and the nearer it is to an optimum the better."""
+
+    def __init__(self) -> None:
+        self.model, self.best = small_sac(), BestPolicy()
+        self.weight = next(self.model.policy.parameters()).flatten()
+
+    def finds(self, value: float, optimum: float) -> float:
+        """The policy that is chosen after a search found this value."""
+
+        def evaluate() -> float:
+            return -abs(float(self.weight[0]) - optimum)
+
+        with th.no_grad():
+            self.weight[0] = value
+        assert self.best.choose(self.model, evaluate) == evaluate()
+        return float(self.weight[0])
+
+
+def test_the_better_policy_stays_whichever_search_found_it() -> None:
+    search = Search()
+    assert [search.finds(value, optimum=3.0) for value in (1.0, 5.5, 2.5, 0.0)] == [1.0, 1.0, 2.5, 2.5]
+
+
+def test_a_policy_that_the_newest_model_disappoints_is_given_up() -> None:
+    search = Search()
+    assert search.finds(1.0, optimum=1.0) == 1.0
+    assert search.finds(2.0, optimum=2.0) == 2.0
