@@ -113,12 +113,12 @@ class HUCRLCallback(BaseCallback):
         self.uncertainty_cap = uncertainty_cap
         self.log_dir = log_dir
         self._csv: CSVOutputFormat | None = None
-        self._best = BestPolicy()
         self._searching = False
         self._search_start = 0
         self._clock = 0.0
 
     def _on_training_start(self) -> None:
+        self._best = BestPolicy()
         self._imagination_env = find_imagination(self.training_env)
         if self.training_env.num_envs < 2:
             raise ValueError(

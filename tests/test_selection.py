@@ -52,7 +52,7 @@ class Search:
 
     def __init__(self) -> None:
         self.model, self.best = small_sac(), BestPolicy()
-        self.weight = next(self.model.policy.parameters()).flatten()
+        self.weight = next(self.model.policy.parameters()).detach().flatten()
 
     def finds(self, value: float, optimum: float) -> float:
         """The policy that is chosen after a search found this value."""
