@@ -22,11 +22,11 @@ from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.report import record_fit
 from sb3_hucrl.rollout import Array, collect_episode
 from sb3_hucrl.selection import BatchActor, BestPolicy, imagined_return, one_by_one
-from sb3_hucrl.spaces import require_bounded_box
+from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState, attach_state, get_state
-from sb3_hucrl.tasks import Task, require_task
+from sb3_hucrl.tasks import LearnedReward, Task, check_task, resolve_task
 from sb3_hucrl.uncertainty_cap import epistemic_limit
 
 
@@ -50,7 +50,10 @@ class HUCRLCallback(BaseCallback):
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
     :param dynamics: name of a dynamics model (a key of :data:`sb3_hucrl.dynamics.DYNAMICS`), or a model
     :param dynamics_kwargs: arguments of the named model
-    :param task: reward, termination and state map; by default the one registered for the environment's id
+    :param task: reward, termination and state map: a task, the place to import one from (``"my_module.MyTask"``), or
+        ``"learned"`` to learn reward and termination. By default the one registered for the environment's id, and
+        learned where there is none
+    :param task_kwargs: arguments of an imported or learned task
     :param horizon: length of an imagined trajectory; by default that of a real episode
     :param imagined_steps: timesteps of policy search between real episodes, over all imagined trajectories
     :param initial_episodes: random real episodes before the first search, at least 1
@@ -70,7 +73,8 @@ class HUCRLCallback(BaseCallback):
         exploration_kwargs: Mapping[str, Any] | None = None,
         dynamics: str | DynamicsModel = "ensemble",
         dynamics_kwargs: Mapping[str, Any] | None = None,
-        task: Task | None = None,
+        task: Task | str | None = None,
+        task_kwargs: Mapping[str, Any] | None = None,
         horizon: int | None = None,
         imagined_steps: int = 25_600,
         initial_episodes: int = 1,
@@ -104,6 +108,7 @@ class HUCRLCallback(BaseCallback):
         self.dynamics = dynamics
         self.dynamics_kwargs = dict(dynamics_kwargs or {})
         self.task = task
+        self.task_kwargs = dict(task_kwargs or {})
         self.horizon = horizon
         self.imagined_steps = imagined_steps
         self.initial_episodes = initial_episodes
@@ -127,7 +132,10 @@ class HUCRLCallback(BaseCallback):
             )
         self._log_to_csv()
         spec = self._real_env.get_attr("spec", indices=0)[0]
-        self._task = self.task or require_task(spec)
+        observation_dim = require_vector_observation(self._real_env.observation_space).shape[0]
+        self._task = resolve_task(self.task, self.task_kwargs, spec, observation_dim)
+        if isinstance(self._task, LearnedReward):
+            self.logger.info(f"{type(self._task).__name__}: the dynamics model learns the reward, too")
         if spec is None or spec.max_episode_steps is None:
             raise ValueError(
                 "the environment has no time limit, so a real episode may never end: wrap it in "
@@ -137,6 +145,7 @@ class HUCRLCallback(BaseCallback):
         box = require_bounded_box(self.training_env.action_space)
         hallucinated_dim = self._real_env.get_attr("hallucinated_dim", 0)[0] if self._is_hallucinated() else 0
         self._action_dim = box.shape[0] - hallucinated_dim
+        check_task(self._task, observation_dim, self._action_dim)
         self._low, self._high = th.as_tensor(box.low), th.as_tensor(box.high)
         self._state = self._resume() or self._begin()
         attach_state(self.model, self._state)
@@ -180,7 +189,7 @@ class HUCRLCallback(BaseCallback):
         seed = self.model.seed if self.model.seed is not None else int(th.randint(2**31, ()))
         generator = th.Generator().manual_seed(seed)
         dataset_seed = int(th.randint(2**31, (), generator=generator))
-        dataset = TransitionDataset(self._task.state_dim, self._action_dim, seed=dataset_seed)
+        dataset = TransitionDataset(self._task.width, self._action_dim, seed=dataset_seed)
         dynamics = self.dynamics
         if isinstance(dynamics, str):
             dynamics = make_dynamics(
@@ -198,7 +207,7 @@ class HUCRLCallback(BaseCallback):
         if state is None:
             return None
         found = (state.dataset.state_dim, state.dataset.action_dim)
-        expected = (self._task.state_dim, self._action_dim)
+        expected = (self._task.width, self._action_dim)
         if found != expected:
             raise ValueError(
                 f"the loaded model carries transitions with (state, action) dimensions {found}, this environment has "

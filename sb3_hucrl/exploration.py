@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import torch as th
+from torch.nn.functional import pad
 
 from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor, Resampled
 
@@ -14,9 +15,10 @@ from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor, Resamp
 class ExplorationStrategy(ABC):
     """Turns a predictive distribution into one imagined next state per row."""
 
-    def hallucinated_dim(self, state_dim: int) -> int:
+    def hallucinated_dim(self, steerable_dim: int) -> int:
         """
-        :param state_dim: p
+        :param steerable_dim: number of state dimensions that may be hallucinated, see
+            :attr:`sb3_hucrl.tasks.Task.hallucinated_dim`
         :return: number of action dimensions that the strategy adds
         """
         return 0
@@ -99,8 +101,8 @@ class Optimistic(ExplorationStrategy):
         self.delta = delta
         self.norm_bound = _not_negative("norm_bound", norm_bound)
 
-    def hallucinated_dim(self, state_dim: int) -> int:
-        return state_dim
+    def hallucinated_dim(self, steerable_dim: int) -> int:
+        return steerable_dim
 
     def begin_search(
         self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
@@ -113,6 +115,9 @@ class Optimistic(ExplorationStrategy):
         self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
     ) -> th.Tensor:
         std = prediction.epistemic_std if self.uncertainty == "epistemic" else prediction.predictive_std
+        not_steered = prediction.mean.shape[1] - hallucinated_action.shape[1]
+        if not_steered:
+            hallucinated_action = pad(hallucinated_action, (0, not_steered))
         optimistic = th.addcmul(prediction.mean, std, hallucinated_action.clamp(-1, 1), value=self.beta)
         return _add_noise(optimistic, prediction.aleatoric_std, generator)
 

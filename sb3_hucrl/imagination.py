@@ -70,7 +70,7 @@ class Imagination:
                 f"the dynamics model predicts {model.state_dim} state dimensions, {type(task).__name__} has "
                 f"{task.state_dim}: build the model with state_dim={task.state_dim}"
             )
-        hallucinated_dim = strategy.hallucinated_dim(task.state_dim)
+        hallucinated_dim = strategy.hallucinated_dim(task.hallucinated_dim)
         if action_space.shape[0] != model.action_dim + hallucinated_dim:
             raise ValueError(
                 f"the action space has {action_space.shape[0]} dimensions, but the dynamics model takes "
@@ -105,7 +105,7 @@ class Imagination:
         A box around all visited states, wide enough never to bind while the model predicts anything sensible. It stops
         an extrapolating ensemble from blowing up, and with it the critic. Angles and constant dimensions are free.
         """
-        visited = self._starts.visited_states
+        visited = self._starts.visited_states[:, : self._task.state_dim]
         low, high = visited.amin(dim=0), visited.amax(dim=0)
         margin = REACH * (high - low)
         margin[margin == 0] = th.inf
@@ -155,9 +155,12 @@ class Imagination:
         action = th.as_tensor(actions, device=self._device, dtype=self._low.dtype).clamp(self._low, self._high)
         real_action, hallucinated = action.tensor_split([self._model.action_dim], dim=1)
         state = self._states
-        prediction = self._model.predict(state, real_action)
+        dynamic, context = state.tensor_split([self._task.state_dim], dim=1)
+        prediction = self._model.predict(dynamic, real_action)
         next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
         next_state = next_state.clamp(*self._range)
+        if self._task.context_dim:
+            next_state = th.cat([next_state, context], dim=1)
         task_reward = self._task.reward(state, real_action, next_state)
         bonus = self._strategy.bonus(prediction)
         step = ImaginedStep(
@@ -166,7 +169,7 @@ class Imagination:
             terminated=self._task.terminated(state, real_action, next_state).cpu().numpy(),
             truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(prediction),
         )
-        self._states = next_state
+        self._states = self._forget_outcomes(next_state)
         self._epistemic_sum += prediction.epistemic_std
         self._num_steps += 1
         self.lengths += 1
@@ -175,6 +178,14 @@ class Imagination:
         self._require_finite(step)
         self._note_finished(step.terminated | step.truncated)
         return step
+
+    def _forget_outcomes(self, state: th.Tensor) -> th.Tensor:
+        end = self._task.state_dim
+        if self._task.outcome_dim:
+            # A copy: the rewards that were handed out may share memory with this one.
+            state = state.clone()
+            state[:, end - self._task.outcome_dim : end] = 0.0
+        return state
 
     def _too_uncertain(self, prediction: Prediction) -> npt.NDArray[np.bool_] | bool:
         if self._max_epistemic_std is None:

@@ -45,11 +45,12 @@ def collect_episode(venv: VecEnv, act: Actor, task: Task, action_dim: int) -> Tr
     states = task.state(th.as_tensor(np.stack(observations), dtype=th.float32))
     ends = th.zeros(len(actions), dtype=th.bool)
     ends[-1] = terminated
+    returned = th.tensor(rewards, dtype=th.float32)
     return Transitions(
         states=states[:-1],
         actions=th.as_tensor(np.stack(actions), dtype=th.float32),
-        next_states=states[1:],
-        rewards=th.tensor(rewards, dtype=th.float32),
+        next_states=task.record_outcomes(states[1:], returned, ends),
+        rewards=returned,
         terminated=ends,
     )
 

@@ -51,14 +51,14 @@ class StartStates:
 
     @property
     def visited_states(self) -> th.Tensor:
-        """Every real state so far, shape (n, p)."""
+        """Every real state so far, shape (n, p + c)."""
         return self._dataset.transitions.states
 
     def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
         """
         :param n: how many
         :param generator: draws them, on the CPU
-        :return: states of shape (n, p), and whether each is an initial one, shape (n,)
+        :return: states of shape (n, p + c), and whether each is an initial one, shape (n,)
         :raises ValueError: if there are no real transitions yet
         """
         if len(self._dataset) == 0:
@@ -70,6 +70,9 @@ class StartStates:
             count = int(chosen.sum())
             if count:
                 states[chosen] = self._draw(kind, count, generator)
+        contexts = self._task.sample_contexts(n, generator)
+        if contexts is not None:
+            states[:, self._task.state_dim :] = contexts
         return states, kinds == self.KINDS.index("initial")
 
     def _draw(self, kind: str, n: int, generator: th.Generator | None) -> th.Tensor:
@@ -80,6 +83,8 @@ class StartStates:
         pool = self._dataset.initial_states if kind == "initial" else self._dataset.transitions.states
         states = pool[th.randint(len(pool), (n,), generator=generator)]
         if kind == "inflated":
-            noise = th.randn(states.shape, generator=generator)
-            states = states + INFLATION * pool.std(dim=0, correction=0) * noise
+            spread = pool.std(dim=0, correction=0)
+            # A goal that no episode has is not a state further out.
+            spread[self._task.state_dim :] = 0.0
+            states = states + INFLATION * spread * th.randn(states.shape, generator=generator)
         return states

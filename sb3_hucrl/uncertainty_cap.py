@@ -22,5 +22,6 @@ def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float)
     :param multiple: of the quantile
     :return: one limit per state dimension, shape (p,)
     """
-    prediction = model.predict(transitions.states.to(model.device), transitions.actions.to(model.device))
+    states = transitions.states[:, : model.state_dim].to(model.device)
+    prediction = model.predict(states, transitions.actions.to(model.device))
     return multiple * prediction.epistemic_std.quantile(QUANTILE, dim=0)

@@ -25,8 +25,8 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 from helpers import ENV_ID, imagination_env, small_callback, small_sac
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
 from sb3_hucrl.dynamics import DYNAMICS
-from sb3_hucrl.envs import PendulumEnv
-from sb3_hucrl.tasks import PendulumTask
+from sb3_hucrl.envs.pendulum import PendulumEnv
+from sb3_hucrl.tasks import PendulumTask, Task
 
 
 def state_of(model: BaseAlgorithm) -> HUCRLState:
@@ -286,8 +286,11 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
 def test_a_checkpoint_of_other_dimensions_is_refused() -> None:
     model = small_sac().learn(80, callback=small_callback())
 
-    class WiderTask(PendulumTask):
+    class WiderTask(Task):
         state_dim = 3
+
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return state[:, 0]
 
     with pytest.raises(ValueError, match=r"dimensions \(2, 1\), this environment has \(3, 1\)"):
         model.learn(80, callback=small_callback(task=WiderTask()))
@@ -332,10 +335,9 @@ def test_bad_stacks_are_refused_with_advice() -> None:
         small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback())
 
 
-def test_an_environment_without_time_limit_or_task_is_refused_with_advice() -> None:
-    unknown = ImaginationVecEnv(make_vec_env("MountainCarContinuous-v0", 2, wrapper_class=HallucinationWrapper))
-    with pytest.raises(ValueError, match=r"no task .* is known for MountainCarContinuous-v0"):
-        small_sac(unknown).learn(80, callback=small_callback())
+def test_an_environment_without_time_limit_or_with_anothers_task_is_refused_with_advice() -> None:
+    with pytest.raises(ValueError, match=r"CartPoleTask.state failed .* is it the task of this environment"):
+        small_sac().learn(80, callback=small_callback(task="sb3_hucrl.tasks.CartPoleTask"))
     endless = ImaginationVecEnv(make_vec_env(lambda: HallucinationWrapper(PendulumEnv(), 2), 2))
     with pytest.raises(ValueError, match="no time limit"):
         small_sac(endless).learn(80, callback=small_callback(task=PendulumTask()))

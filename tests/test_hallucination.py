@@ -23,7 +23,7 @@ def test_widens_by_the_tasks_state_and_by_the_observation_where_there_is_no_task
     assert known.action_space == spaces.Box(np.array([-2, -1, -1], np.float32), np.array([2, 1, 1], np.float32))
     unknown = HallucinationWrapper(gym.make("MountainCarContinuous-v0"))
     assert unknown.action_space.shape == (1 + 2,)
-    assert HallucinationWrapper(gym.make("Pendulum-v1"), state_dim=3).action_space.shape == (4,)
+    assert HallucinationWrapper(gym.make("Pendulum-v1"), hallucinated_dim=3).action_space.shape == (4,)
 
 
 def test_the_hallucinated_action_never_reaches_the_real_environment() -> None:

@@ -1,7 +1,6 @@
 """The real pendulum and its task."""
 
 import math
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,14 +11,8 @@ from scipy.integrate import solve_ivp
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from helpers import ENV_ID, TruePendulum
-from sb3_hucrl.envs import PendulumEnv
-from sb3_hucrl.envs.pendulum import integrate
-from sb3_hucrl.tasks import GymnasiumPendulumTask, PendulumTask, Task, find_task, require_task, tolerance
-
-CASES: list[tuple[Task, str, dict[str, Any], int]] = [
-    (PendulumTask(0.2), ENV_ID, {"hallucinate": False, "action_penalty": 0.2}, 400),
-    (GymnasiumPendulumTask(), "Pendulum-v1", {}, 200),
-]
+from sb3_hucrl.envs.pendulum import PendulumEnv, integrate
+from sb3_hucrl.tasks import PendulumTask, tolerance
 
 
 @pytest.mark.parametrize("hallucinate", [True, False])
@@ -95,26 +88,6 @@ def test_bad_arguments_say_what_to_do() -> None:
         gym.make(ENV_ID, render_mode="ascii")
 
 
-@pytest.mark.parametrize(("task", "env_id", "kwargs", "steps"), CASES)
-def test_task_agrees_with_the_environment(task: Task, env_id: str, kwargs: dict[str, Any], steps: int) -> None:
-    env = gym.make(env_id, **kwargs)
-    observation, _ = env.reset(seed=0)
-    env.action_space.seed(0)
-    observations, actions, rewards = [observation], [], []
-    for _ in range(steps):
-        action = env.action_space.sample()
-        observation, reward, *_ = env.step(action)
-        observations.append(observation)
-        actions.append(action)
-        rewards.append(float(reward))
-    observed = th.as_tensor(np.stack(observations))
-    states = task.state(observed)
-    imagined = task.reward(states[:-1], th.as_tensor(np.stack(actions)), states[1:])
-    np.testing.assert_allclose(imagined.numpy(), rewards, atol=1e-4)
-    th.testing.assert_close(task.observe(states), observed)
-    assert not task.terminated(states, states, states).any()
-
-
 def test_reward_agrees_with_the_environment_everywhere() -> None:
     env, task, rng = PendulumEnv(action_penalty=0.3), PendulumTask(0.3), np.random.default_rng(0)
     for _ in range(1_000):
@@ -143,12 +116,3 @@ def test_exploratory_states_cover_the_circle_slowly() -> None:
     histogram = th.histc(states[:, 0], 8, -math.pi, math.pi)
     assert (histogram > 500).all()
     assert float(states[:, 1].abs().max()) < 6
-
-
-def test_registry_knows_the_environments_kwargs_and_says_what_to_do_otherwise() -> None:
-    task = find_task(gym.make(ENV_ID, action_penalty=0.7).spec)
-    assert isinstance(task, PendulumTask)
-    assert task.action_penalty == 0.7
-    assert find_task(None) is None
-    with pytest.raises(ValueError, match=r"no task .* is known for CartPole-v1"):
-        require_task(gym.make("CartPole-v1").spec)

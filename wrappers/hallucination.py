@@ -22,22 +22,22 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
     ``info["hallucinated_action"]`` keeps what was dropped.
 
     :param env: continuous actions, vector observations
-    :param state_dim: dimensions p of a′; by default those of the state of the environment's registered task, and where
+    :param hallucinated_dim: dimensions of a′; by default those that the environment's registered task allows, and where
         there is none, those of its observation
     :raises ValueError: if the spaces are not of that kind
     """
 
-    def __init__(self, env: gym.Env[Any, Any], state_dim: int | None = None) -> None:
-        RecordConstructorArgs.__init__(self, state_dim=state_dim)
+    def __init__(self, env: gym.Env[Any, Any], hallucinated_dim: int | None = None) -> None:
+        RecordConstructorArgs.__init__(self, hallucinated_dim=hallucinated_dim)
         super().__init__(env)
         observation_space = require_vector_observation(env.observation_space)
         action_space = require_bounded_box(env.action_space)
-        if state_dim is None:
-            task = find_task(env.unwrapped.spec)
-            state_dim = observation_space.shape[0] if task is None else task.state_dim
-        self.hallucinated_dim = state_dim
+        if hallucinated_dim is None:
+            task = find_task(env.unwrapped.spec, observation_space.shape[0])
+            hallucinated_dim = observation_space.shape[0] if task is None else task.hallucinated_dim
+        self.hallucinated_dim = hallucinated_dim
         self._real_dim = action_space.shape[0]
-        self.action_space = widen(action_space, state_dim)
+        self.action_space = widen(action_space, hallucinated_dim)
 
     def step(self, action: Array) -> tuple[Array, SupportsFloat, bool, bool, dict[str, Any]]:
         observation, reward, terminated, truncated, info = self.env.step(action[: self._real_dim])

@@ -45,7 +45,7 @@ class LearnedModelEnv(gym.Env[Any, Any]):
         action_space: spaces.Space,
     ) -> None:
         self.observation_space = require_vector_observation(observation_space)
-        action_box = widen(require_bounded_box(action_space), strategy.hallucinated_dim(task.state_dim))
+        action_box = widen(require_bounded_box(action_space), strategy.hallucinated_dim(task.hallucinated_dim))
         self.action_space = action_box
         self._imagination = Imagination(model, strategy, task, starts, horizon, 1, action_box, seed=0)
         self._seeded = False

@@ -120,18 +120,23 @@ class DeltaModel(DynamicsModel):
             raise ValueError(
                 f"a dynamics model needs at least 2 training transitions, got {len(train)}: collect more episodes"
             )
-        states = train.states.to(self.device)
+        states, next_states = self._without_context(train)
         inputs = self.encode(states, train.actions.to(self.device))
-        deltas = self.features.difference(train.next_states.to(self.device), states)
+        deltas = self.features.difference(next_states, states)
         loss = self._learn(inputs, deltas, dataset, generator)
         nll, calibration = self._judge(dataset.holdout)
         return FitReport(loss, len(train), nll, calibration)
 
+    def _without_context(self, transitions: Transitions) -> tuple[th.Tensor, th.Tensor]:
+        states, next_states = transitions.states, transitions.next_states
+        return states[:, : self.state_dim].to(self.device), next_states[:, : self.state_dim].to(self.device)
+
     @th.no_grad()
     def _judge(self, holdout: Transitions) -> tuple[float, Calibration]:
         self.std_scale.fill_(1.0)
-        prediction = self.predict(holdout.states.to(self.device), holdout.actions.to(self.device))
-        error = self.features.difference(holdout.next_states.to(self.device), prediction.mean)
+        states, next_states = self._without_context(holdout)
+        prediction = self.predict(states, holdout.actions.to(self.device))
+        error = self.features.difference(next_states, prediction.mean)
         std = prediction.predictive_std
         if self.recalibrate:
             self.std_scale.copy_(recalibration_scale(error, std))

@@ -2,30 +2,63 @@
 
 from __future__ import annotations
 
+import pkgutil
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
-import numpy.typing as npt
 
-from sb3_hucrl.envs.pendulum import PendulumEnv
+from sb3_hucrl.tasks.registry import find_task
 from sb3_hucrl.wrappers.hallucination import HallucinationWrapper
 
-__all__ = ["PendulumEnv", "make_pendulum", "register_envs"]
+__all__ = ["ENVIRONMENTS", "make_env", "register_envs"]
 
 
-def make_pendulum(hallucinate: bool = True, **kwargs: Any) -> gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+@dataclass(frozen=True)
+class Registration:
     """
-    Entry point of ``HUCRL-Pendulum-v0``.
-
-    :param hallucinate: whether the action space has room for a′, which the real pendulum ignores
-    :param kwargs: arguments of :class:`PendulumEnv`
+    :param entry_point: module:Class, imported when an environment is made
+    :param max_episode_steps: after which episodes are truncated
     """
-    env = PendulumEnv(**kwargs)
-    return HallucinationWrapper(env, state_dim=2) if hallucinate else env
+
+    entry_point: str
+    max_episode_steps: int
+
+
+ENVIRONMENTS = {
+    "HUCRL-Pendulum-v0": Registration("sb3_hucrl.envs.pendulum:PendulumEnv", 400),
+    "HUCRL-CartPole-v0": Registration("sb3_hucrl.envs.cartpole:CartPoleEnv", 200),
+    "HUCRL-Reacher-v0": Registration("sb3_hucrl.envs.reacher:ReacherEnv", 150),
+    "HUCRL-SparseReacher-v0": Registration("sb3_hucrl.envs.reacher:SparseReacherEnv", 150),
+    "HUCRL-Pusher-v0": Registration("sb3_hucrl.envs.pusher:PusherEnv", 150),
+    "HUCRL-HalfCheetah-v0": Registration("sb3_hucrl.envs.half_cheetah:HalfCheetahEnv", 1000),
+}
+
+
+def make_env(env_id: str, hallucinate: bool = True, **kwargs: Any) -> gym.Env[Any, Any]:
+    """
+    Entry point of all environments of this package.
+
+    :param env_id: a key of :data:`ENVIRONMENTS`
+    :param hallucinate: whether the action space has room for a′, which the real environment ignores
+    :param kwargs: arguments of the environment's class
+    """
+    env: gym.Env[Any, Any] = pkgutil.resolve_name(ENVIRONMENTS[env_id].entry_point)(**kwargs)
+    if not hallucinate:
+        return env
+    # gymnasium attaches the spec only afterwards, so the wrapper cannot look the task up by itself.
+    task = find_task(gym.spec(env_id), observation_dim=0)
+    assert task is not None  # every environment of the package has one
+    return HallucinationWrapper(env, task.hallucinated_dim)
 
 
 def register_envs() -> None:
     """Make the environments known to gymnasium; a second call changes nothing."""
-    if "HUCRL-Pendulum-v0" not in gym.registry:
-        gym.register("HUCRL-Pendulum-v0", entry_point="sb3_hucrl.envs:make_pendulum", max_episode_steps=400)
+    for env_id, registration in ENVIRONMENTS.items():
+        if env_id not in gym.registry:
+            gym.register(
+                env_id,
+                entry_point="sb3_hucrl.envs:make_env",
+                max_episode_steps=registration.max_episode_steps,
+                kwargs={"env_id": env_id},
+            )

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_hucrl.envs.arguments import require_valid
 from sb3_hucrl.envs.pendulum_render import PendulumRenderer
 
 GRAVITY = 9.81
@@ -71,10 +72,7 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}  # noqa: RUF012  # gymnasium's
 
     def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
-        if not action_penalty >= 0:
-            raise ValueError(f"action_penalty is {action_penalty}: it is subtracted, so give 0 or more")
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"unknown render_mode {render_mode!r}: choose one of {self.metadata['render_modes']}")
+        require_valid(action_penalty, render_mode, self.metadata["render_modes"])
         self.action_penalty = action_penalty
         self.render_mode = render_mode
         bound = np.array([1.0, 1.0, np.inf], dtype=np.float32)

@@ -1,0 +1,53 @@
+"""The paper's pusher: gymnasium's robot with squared distances for a reward (appendix B.2.4)."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, load_asset
+
+#: where the object starts, on its sliders (y, x), in m
+OBJECT_MEAN = (-0.25, 0.15)
+OBJECT_STD = 0.025
+
+
+class PusherEnv(MujocoTaskEnv):
+    """
+    Pushes an object to a goal with a seven-joint arm.
+
+    Observation: the sines, cosines and velocities of the joints, the object's position and the goal's. Action: seven
+    torques in [-2, 2] N m. The reward of the state that a step leads to is
+    -0.5 ‖ee - object‖² - 1.25 ‖object - goal‖² - ρ Σ a². Episodes never terminate; ``HUCRL-Pusher-v0`` truncates them
+    after 150 steps (6 s). The object's velocity is not observed: it slides on for a moment when it is let go.
+
+    :param action_penalty: ρ, 0 or more
+    :param render_mode: ``"rgb_array"``, ``"human"`` or None
+    """
+
+    camera: ClassVar[dict[str, Any]] = {
+        "trackbodyid": 0,
+        "distance": 2.6,
+        "lookat": np.array([0.4, -0.2, -0.2]),
+        "elevation": -40.0,
+        "azimuth": 120.0,
+    }
+
+    def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
+        super().__init__(load_asset("pusher_v5.xml"), 4, 27, action_penalty, render_mode)
+
+    def _reset_state(self) -> None:
+        self.data.qvel[:7] = self.np_random.uniform(-0.005, 0.005, 7)
+        self.data.qpos[7:9] = self.np_random.normal(OBJECT_MEAN, OBJECT_STD)
+
+    def _observation(self) -> npt.NDArray[np.float64]:
+        angles = self.data.qpos[:7]
+        places = (self.data.body("object").xpos, self.data.body("goal").xpos)
+        return np.concatenate([np.sin(angles), np.cos(angles), self.data.qvel[:7], *places])
+
+    def _reward(self, action: npt.NDArray[np.float64]) -> float:
+        hand, thing, goal = (self.data.body(name).xpos for name in ("tips_arm", "object", "goal"))
+        near, there = hand - thing, thing - goal
+        return float(-0.5 * (near @ near) - 1.25 * (there @ there) - self.action_penalty * (action @ action))

@@ -1,0 +1,29 @@
+"""States with angles, observed as their sines and cosines."""
+
+from __future__ import annotations
+
+import torch as th
+
+from sb3_hucrl.tasks.base import Task
+
+
+class AngleTask(Task):
+    """
+    Observation (sines of the angles, cosines of the angles, the rest of the state, context). A subclass gives
+    ``state_dim``, ``angle_dims`` and ``context_dim``.
+    """
+
+    def __init__(self) -> None:
+        self._angles = list(self.angle_dims)
+        self._others = [dim for dim in range(self.width) if dim not in self.angle_dims]
+        # Where each state dimension is found in (angles, others).
+        self._order = [(self._angles + self._others).index(dim) for dim in range(self.width)]
+
+    def observe(self, state: th.Tensor) -> th.Tensor:
+        angles = state[:, self._angles]
+        return th.cat([angles.sin(), angles.cos(), state[:, self._others]], dim=1)
+
+    def state(self, observation: th.Tensor) -> th.Tensor:
+        count = len(self._angles)
+        sines, cosines, others = observation.tensor_split([count, 2 * count], dim=1)
+        return th.cat([th.atan2(sines, cosines), others], dim=1)[:, self._order]

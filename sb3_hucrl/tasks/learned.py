@@ -1,0 +1,64 @@
+"""Reward and termination that nobody wrote down: the dynamics model learns them as further outputs."""
+
+from __future__ import annotations
+
+import torch as th
+
+from sb3_hucrl.tasks.base import Task
+
+
+class LearnedReward(Task):
+    """
+    State (observation, reward): the reward is predicted like a state dimension, with an uncertainty of its own.
+
+    Subclasses may know when the task terminates, or a state smaller than the observation.
+
+    :param observation_dim: of the real environment
+    :param hallucinate_reward: whether a′ steers the reward as well. It then has one dimension more:
+        ``HallucinationWrapper(env, hallucinated_dim=observation_dim + 1)``
+    """
+
+    outcome_dim = 1
+
+    def __init__(self, observation_dim: int, hallucinate_reward: bool = False) -> None:
+        self.observation_dim = observation_dim
+        self.state_dim = observation_dim + self.outcome_dim
+        self.hallucinate_reward = hallucinate_reward
+
+    @property
+    def hallucinated_dim(self) -> int:
+        return self.observation_dim + int(self.hallucinate_reward)
+
+    def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+        return next_state[:, self.observation_dim]
+
+    def observe(self, state: th.Tensor) -> th.Tensor:
+        return state[:, : self.observation_dim]
+
+    def state(self, observation: th.Tensor) -> th.Tensor:
+        return th.nn.functional.pad(observation, (0, self.outcome_dim))
+
+    def record_outcomes(self, next_states: th.Tensor, rewards: th.Tensor, terminated: th.Tensor) -> th.Tensor:
+        next_states = next_states.clone()
+        next_states[:, self.observation_dim] = rewards
+        return next_states
+
+
+class LearnedTask(LearnedReward):
+    """
+    State (observation, reward, termination): termination is learned as 1 where real episodes ended and 0 elsewhere, and
+    imagined ones end above 1/2. What it hangs on must be visible in the observation and the action.
+
+    :param observation_dim: of the real environment
+    :param hallucinate_reward: whether a′ steers the reward as well, see :class:`LearnedReward`
+    """
+
+    outcome_dim = 2
+
+    def terminated(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+        return next_state[:, self.observation_dim + 1] > 0.5
+
+    def record_outcomes(self, next_states: th.Tensor, rewards: th.Tensor, terminated: th.Tensor) -> th.Tensor:
+        next_states = super().record_outcomes(next_states, rewards, terminated)
+        next_states[:, self.observation_dim + 1] = terminated.to(next_states.dtype)
+        return next_states

@@ -1,0 +1,33 @@
+"""gymnasium's walking robots: termination is known, the reward is not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch as th
+
+from sb3_hucrl.tasks.learned import LearnedReward
+
+
+class LocomotionTask(LearnedReward):
+    """
+    ``HalfCheetah-v5``, ``Hopper-v5``, ``Walker2d-v5``, ``Swimmer-v5`` and ``Ant-v5``.
+
+    They pay for the way made within a step, which their observations leave out (and Ant's for contact forces, which
+    they clip): so the reward is learned. They end where an observed value leaves its healthy range.
+
+    :param observation_dim: of the environment
+    :param healthy: open interval by index of the observation
+    """
+
+    def __init__(self, observation_dim: int, healthy: Mapping[int, tuple[float, float]]) -> None:
+        super().__init__(observation_dim)
+        bounds = th.tensor([[-th.inf, th.inf]]).repeat(observation_dim, 1)
+        for index, interval in healthy.items():
+            bounds[index] = th.tensor(interval)
+        self._low, self._high = bounds.unbind(dim=1)
+
+    def terminated(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+        observation = self.observe(next_state)
+        low, high = self._low.to(observation), self._high.to(observation)
+        return ((observation <= low) | (observation >= high)).any(dim=1)

@@ -1,0 +1,190 @@
+"""What imagination does with outcomes that are learned, and with context that is not."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.env_util import make_vec_env
+
+from helpers import small_callback, small_sac
+from sb3_hucrl import (
+    Greedy,
+    HallucinationWrapper,
+    HUCRLState,
+    ImaginationVecEnv,
+    Optimistic,
+    Prediction,
+    ProbabilisticEnsemble,
+    StartStates,
+    TransitionDataset,
+    Transitions,
+)
+from sb3_hucrl.dynamics.base import Predictor
+from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.tasks import GymnasiumPendulumTask, LearnedReward, LearnedTask, ReacherTask, Task
+
+
+class Recorder(Predictor):
+    """
+    Adds the action to the first dimension and predicts the given outcomes, whatever the state.
+
+    :param outcomes: predicted for the last dimensions
+    """
+
+    def __init__(self, state_dim: int, action_dim: int = 1, outcomes: tuple[float, ...] = (), std: float = 0.0) -> None:
+        super().__init__(state_dim, action_dim)
+        self.outcomes, self.std = outcomes, std
+        self.seen: list[th.Tensor] = []
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        self.seen.append(state.clone())
+        mean = state.clone()
+        mean[:, 0] += action[:, 0]
+        if self.outcomes:
+            mean[:, -len(self.outcomes) :] = th.tensor(self.outcomes)
+        return Prediction(mean, th.full_like(mean, self.std), th.zeros_like(mean))
+
+
+def starts_at(state: list[float], task: Task) -> StartStates:
+    dataset = TransitionDataset(task.width, 1)
+    states = th.tensor([state])
+    dataset.append_episode(Transitions(states, th.zeros(1, 1), states, th.zeros(1), th.zeros(1, dtype=th.bool)))
+    return StartStates(dataset, task, {"initial": 1.0})
+
+
+def imagine(task: Task, model: Predictor, strategy: Greedy | Optimistic, start: list[float]) -> Imagination:
+    actions = model.action_dim + strategy.hallucinated_dim(task.hallucinated_dim)
+    return Imagination(model, strategy, task, starts_at(start, task), 10, 2, spaces.Box(-1, 1, (actions,)), seed=0)
+
+
+def test_outcomes_are_given_out_and_forgotten() -> None:
+    task = LearnedTask(2)
+    model = Recorder(4, outcomes=(7.0, 0.2))
+    imagination = imagine(task, model, Greedy(), [1.0, 2.0, 0.0, 0.0])
+    imagination.reset()
+    for step in range(1, 4):
+        outcome = imagination.step(np.full((2, 1), 0.5, dtype=np.float32))
+        np.testing.assert_allclose(outcome.rewards, 7.0)
+        np.testing.assert_allclose(outcome.observations, [[1.0 + 0.5 * step, 2.0]] * 2)
+        assert not outcome.terminated.any()
+    assert all(bool((state[:, 2:] == 0).all()) for state in model.seen)
+    np.testing.assert_allclose(imagination.returns, 21.0)
+
+
+def test_learned_termination_ends_above_one_half() -> None:
+    task = LearnedTask(2)
+    imagination = imagine(task, Recorder(4, outcomes=(0.0, 0.6)), Greedy(), [0.0] * 4)
+    imagination.reset()
+    assert imagination.step(np.zeros((2, 1), dtype=np.float32)).terminated.all()
+
+
+@pytest.mark.parametrize("hallucinate_reward", [False, True])
+def test_reward_is_steered_only_on_request(hallucinate_reward: bool) -> None:
+    task = LearnedReward(2, hallucinate_reward)
+    imagination = imagine(task, Recorder(3, outcomes=(1.0,), std=0.1), Optimistic(beta=2.0), [0.0] * 3)
+    imagination.reset()
+    actions = np.ones((2, 1 + task.hallucinated_dim), dtype=np.float32)
+    outcome = imagination.step(actions)
+    np.testing.assert_allclose(outcome.observations, [[1.2, 0.2]] * 2, rtol=1e-6)
+    np.testing.assert_allclose(outcome.rewards, 1.2 if hallucinate_reward else 1.0, rtol=1e-6)
+
+
+def test_context_reaches_the_policy_and_the_reward_but_not_the_model() -> None:
+    task = ReacherTask(action_penalty=0.0)
+    model = Recorder(14, action_dim=7)
+    dataset = TransitionDataset(task.width, 7)
+    states = th.zeros(1, 17)
+    dataset.append_episode(Transitions(states, th.zeros(1, 7), states, th.zeros(1), th.zeros(1, dtype=th.bool)))
+    imagination = Imagination(
+        model, Optimistic(), task, StartStates(dataset, task), 10, 6, spaces.Box(-1, 1, (21,)), seed=0
+    )
+    goals = imagination.reset()[:, -3:]
+    # The dataset holds one goal only: the others are drawn as the environment draws them.
+    assert len(np.unique(goals, axis=0)) == 6
+    for _ in range(3):
+        outcome = imagination.step(np.ones((6, 21), dtype=np.float32))
+        np.testing.assert_array_equal(outcome.observations[:, -3:], goals)
+    assert all(state.shape == (6, 14) for state in model.seen)
+    state = task.state(th.as_tensor(outcome.observations))
+    np.testing.assert_allclose(outcome.rewards, -task.squared_distance(state), rtol=1e-4)
+
+
+def pendulum_episodes(task: Task, steps: int) -> TransitionDataset:
+    """Random transitions of gymnasium's pendulum from all over its states."""
+    known, rng = GymnasiumPendulumTask(), np.random.default_rng(0)
+    env = gym.make("Pendulum-v1").unwrapped
+    env.reset(seed=0)
+    observations, actions, following, rewards = [], [], [], []
+    for _ in range(steps):
+        vars(env)["state"] = np.array([rng.uniform(-np.pi, np.pi), rng.uniform(-8, 8)])
+        state = th.as_tensor(vars(env)["state"], dtype=th.float32)[None]
+        action = rng.uniform(-2, 2, 1).astype(np.float32)
+        observation, reward, *_ = env.step(action)
+        observations.append(known.observe(state)[0])
+        actions.append(action)
+        following.append(observation)
+        rewards.append(float(reward))
+    paid, ends = th.tensor(rewards), th.zeros(steps, dtype=th.bool)
+    next_states = task.record_outcomes(task.state(th.as_tensor(np.stack(following))), paid, ends)
+    dataset = TransitionDataset(task.width, 1)
+    episode = Transitions(task.state(th.stack(observations)), th.as_tensor(np.stack(actions)), next_states, paid, ends)
+    dataset.append_episode(episode)
+    return dataset
+
+
+def test_the_ensemble_learns_the_reward_with_an_uncertainty() -> None:
+    task = LearnedTask(3)
+    dataset = pendulum_episodes(task, 1_500)
+    generator = th.Generator().manual_seed(0)
+    model = ProbabilisticEnsemble(task.state_dim, 1, task.angle_dims, generator=generator)
+    model.fit(dataset, generator)
+    unseen = dataset.holdout
+    with th.no_grad():
+        prediction = model.predict(unseen.states, unseen.actions)
+    error = unseen.rewards - prediction.mean[:, 3]
+    assert float(error.square().mean() / unseen.rewards.var()) < 0.01
+    assert bool((prediction.epistemic_std[:, 3] > 0).all())
+    # Nothing ever ended, and the model does not imagine that it does.
+    assert float(prediction.mean[:, 4].abs().max()) < 0.1
+
+
+class PointMass(gym.Env[np.ndarray, np.ndarray]):
+    """Nobody registered this one: a point on a line that is paid for being at 0 and leaves at ±2."""
+
+    observation_space = spaces.Box(-10.0, 10.0, (1,))
+    action_space = spaces.Box(-1.0, 1.0, (1,))
+
+    def reset(self, *, seed: int | None = None, options: object = None) -> tuple[np.ndarray, dict[str, object]]:
+        super().reset(seed=seed)
+        self.x = self.np_random.uniform(-1, 1)
+        return np.array([self.x], dtype=np.float32), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+        self.x += 0.5 * float(action[0])
+        return np.array([self.x], dtype=np.float32), -abs(self.x), abs(self.x) > 2, False, {}
+
+
+@pytest.mark.parametrize("hallucinate_reward", [False, True])
+def test_an_unregistered_environment_runs_with_learned_reward_and_termination(
+    hallucinate_reward: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if "PointMass-v0" not in gym.registry:
+        gym.register("PointMass-v0", entry_point=lambda **kwargs: PointMass(**kwargs), max_episode_steps=40)
+    dim = 1 + int(hallucinate_reward)
+    venv = make_vec_env(
+        "PointMass-v0", 4, seed=0, wrapper_class=HallucinationWrapper, wrapper_kwargs={"hallucinated_dim": dim}
+    )
+    model = small_sac(ImaginationVecEnv(venv), verbose=1)
+    settings = {"task": "learned", "task_kwargs": {"hallucinate_reward": True}} if hallucinate_reward else {}
+    model.learn(160, callback=small_callback(initial_episodes=5, **settings))
+    state = vars(model)["hucrl"]
+    assert isinstance(state, HUCRLState)
+    assert state.real_episodes == 7
+    assert "the dynamics model learns the reward, too" in capsys.readouterr().out
+    transitions = state.dataset.transitions
+    np.testing.assert_allclose(transitions.next_states[:, 1], transitions.rewards)
+    np.testing.assert_array_equal(transitions.next_states[:, 2] > 0.5, transitions.terminated)
+    assert bool(transitions.terminated.any())
