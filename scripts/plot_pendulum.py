@@ -1,4 +1,4 @@
-"""Draws real returns against real steps: medians over seeds and their range, from benchmark_pendulum.py's CSV."""
+"""Draws real returns against real steps: medians over seeds and their range, from benchmark.py's CSV."""
 
 from __future__ import annotations
 

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from sb3_hucrl import ImaginationVecEnv
+from sb3_hucrl.tasks import check_task
 
 README = (Path(__file__).parent.parent / "README.md").read_text()
+SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
 def test_the_three_line_change_runs() -> None:
-    [snippet] = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    [snippet, _] = SNIPPETS
     # Shorter, so that the test takes seconds; nothing else is changed.
     short = snippet.replace("38_400", "640").replace("12_800", "320")
     assert short != snippet
@@ -20,3 +22,9 @@ def test_the_three_line_change_runs() -> None:
     assert model.hucrl.real_episodes == 3
     assert isinstance(env, ImaginationVecEnv)
     assert env.imagination is None
+
+
+def test_the_task_of_ones_own_is_a_task() -> None:
+    namespace: dict[str, Any] = {"__name__": "my_module"}
+    exec(SNIPPETS[1], namespace)
+    check_task(namespace["Parking"](), observation_dim=3, action_dim=1)

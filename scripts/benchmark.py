@@ -1,5 +1,6 @@
 """
-Real returns per real episode on HUCRL-Pendulum-v0, over seeds, action penalties, strategies, models and start states.
+Real returns per real episode on an environment of this package, over seeds, action penalties, strategies, models and
+start states.
 
 Each run is ``rl_zoo3 train`` with the package's own hyperparameters, in a process of its own on one thread. Finished
 runs are appended to the CSV at once and skipped when the same command is given again.
@@ -24,8 +25,8 @@ from stable_baselines3.common.monitor import load_results
 from tqdm import tqdm
 
 from sb3_hucrl.dynamics import DYNAMICS
+from sb3_hucrl.envs import ENVIRONMENTS
 
-ENV_ID = "HUCRL-Pendulum-v0"
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 OPTIMISTIC = {"exploration": "optimistic", "exploration_kwargs": {"beta": 1.0}}
 #: settings of the callback, by the name that the CSV gives them
@@ -54,6 +55,7 @@ class Run:
     """One training run; its fields are columns of the CSV."""
 
     algo: str
+    env: str
     exploration: str
     dynamics: str
     action_penalty: float
@@ -61,23 +63,23 @@ class Run:
     seed: int
 
 
-def hyperparameters(algo: str) -> dict[str, Any]:
-    """The package's own settings of the environment."""
+def hyperparameters(algo: str, env: str) -> dict[str, Any]:
+    """The package's own settings of an environment."""
     text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
-    settings: dict[str, Any] = yaml.safe_load(text)[ENV_ID]
+    settings: dict[str, Any] = yaml.safe_load(text)[env]
     return settings
 
 
 def command(run: Run, folder: str) -> list[str]:
     """The command line of a run."""
-    callback = dict(hyperparameters(run.algo)["callback"][0][CALLBACK])
+    callback = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
     callback.pop("exploration_kwargs", None)
     callback |= {**EXPLORATIONS[run.exploration], "dynamics": run.dynamics}
     callback["start_states"] = START_STATES[run.start_states]
     hallucinate = callback["exploration"] == "optimistic"
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
     return [
-        *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", ENV_ID),
+        *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", run.env),
         *("--seed", str(run.seed), "--num-threads", "1", "--eval-freq", "-1", "-f", folder),
         *("--env-kwargs", *env_kwargs),
         *("-params", f"callback:[{{'{CALLBACK}': {callback}}}]"),
@@ -91,7 +93,7 @@ def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
         if process.returncode != 0:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
             return pd.DataFrame()
-        [path] = Path(folder).glob(f"{run.algo}/{ENV_ID}_*/")
+        [path] = Path(folder).glob(f"{run.algo}/{run.env}_*/")
         returns = load_results(str(path)).r
         rows = pd.DataFrame({"episode": range(1, len(returns) + 1), "real_return": returns.round(2)})
         return rows.assign(**asdict(run), commit=commit)
@@ -99,7 +101,7 @@ def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
     """Per setting: the first episode with a return of at least ``solved``, and the mean of the last three."""
-    settings = ["algo", "action_penalty", "start_states", "dynamics", "exploration"]
+    settings = ["algo", "env", "action_penalty", "start_states", "dynamics", "exploration"]
     results = results.assign(solved_in=results.episode.where(results.real_return >= solved)).sort_values("episode")
     by_run = results.groupby([*settings, "seed"])
     never = results.episode.max() + 1
@@ -124,6 +126,7 @@ def main() -> None:
     """Run what is missing, then print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", default="sac")
+    parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
     parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
@@ -138,7 +141,7 @@ def main() -> None:
     results = pd.read_csv(args.output) if args.output.exists() else pd.DataFrame()
     done = set() if results.empty else set(results[list(Run.__annotations__)].itertuples(index=False, name=None))
     settings = itertools.product(
-        [args.algo], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
+        [args.algo], [args.env], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
     )
     # Seed by seed, so that an interrupted benchmark has whole seeds.
     runs = sorted((Run(*setting) for setting in settings if setting not in done), key=lambda run: run.seed)
