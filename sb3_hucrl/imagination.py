@@ -155,12 +155,12 @@ class Imagination:
         action = th.as_tensor(actions, device=self._device, dtype=self._low.dtype).clamp(self._low, self._high)
         real_action, hallucinated = action.tensor_split([self._model.action_dim], dim=1)
         state = self._states
-        dynamic, context = state.tensor_split([self._task.state_dim], dim=1)
-        prediction = self._model.predict(dynamic, real_action)
+        has_context = self._task.context_dim > 0
+        prediction = self._model.predict(state[:, : self._task.state_dim] if has_context else state, real_action)
         next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
         next_state = next_state.clamp(*self._range)
-        if self._task.context_dim:
-            next_state = th.cat([next_state, context], dim=1)
+        if has_context:
+            next_state = th.cat([next_state, state[:, self._task.state_dim :]], dim=1)
         task_reward = self._task.reward(state, real_action, next_state)
         bonus = self._strategy.bonus(prediction)
         step = ImaginedStep(

@@ -14,14 +14,16 @@ class AngleTask(Task):
     """
 
     def __init__(self) -> None:
-        self._angles = list(self.angle_dims)
-        self._others = [dim for dim in range(self.width) if dim not in self.angle_dims]
+        angles = list(self.angle_dims)
+        others = [dim for dim in range(self.width) if dim not in self.angle_dims]
+        self._angles, self._others = th.tensor(angles), th.tensor(others)
         # Where each state dimension is found in (angles, others).
-        self._order = [(self._angles + self._others).index(dim) for dim in range(self.width)]
+        self._order = [(angles + others).index(dim) for dim in range(self.width)]
 
     def observe(self, state: th.Tensor) -> th.Tensor:
-        angles = state[:, self._angles]
-        return th.cat([angles.sin(), angles.cos(), state[:, self._others]], dim=1)
+        angles = state.index_select(1, self._angles.to(state.device))
+        others = state.index_select(1, self._others.to(state.device))
+        return th.cat([angles.sin(), angles.cos(), others], dim=1)
 
     def state(self, observation: th.Tensor) -> th.Tensor:
         count = len(self._angles)
