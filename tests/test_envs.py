@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch as th
+from gymnasium.envs.mujoco.half_cheetah_v5 import HalfCheetahEnv as Original
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
@@ -136,7 +137,7 @@ def test_reacher_keeps_to_its_joint_ranges() -> None:
 
 
 def test_half_cheetah_is_gymnasiums_but_for_its_motors() -> None:
-    ours, theirs = HalfCheetahEnv().model, gym.make("HalfCheetah-v5").unwrapped.model  # type: ignore[attr-defined]
+    ours, theirs = HalfCheetahEnv().model, Original().model
     for name in ("body_mass", "body_inertia", "dof_damping", "jnt_stiffness", "dof_invweight0", "geom_friction"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
     np.testing.assert_array_equal(ours.actuator_ctrlrange, 2 * theirs.actuator_ctrlrange)

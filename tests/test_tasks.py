@@ -164,6 +164,17 @@ def test_a_users_own_task_is_found_by_its_id() -> None:
         register_task("MountainCarContinuous-v0", lambda kwargs, observation_dim: MountainCarTask())
 
 
+def test_a_walker_that_shows_its_place_is_learned_as_a_whole() -> None:
+    env = gym.make("Hopper-v5", exclude_current_positions_from_observation=False)
+    assert isinstance(find_task(env.spec, 12), LearnedTask)
+
+
+def test_arguments_of_no_named_task_are_refused() -> None:
+    for task in (None, PendulumTask()):
+        with pytest.raises(ValueError, match=r"task_kwargs \{'action_penalty': 1\} need a task by name"):
+            resolve_task(task, {"action_penalty": 1}, None, 3)
+
+
 def test_task_is_given_by_name_learned_or_imported() -> None:
     spec = gym.make("Pendulum-v1").spec
     learned = resolve_task("learned", {"hallucinate_reward": True}, spec, 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from sb3_hucrl.envs.mujoco_base import load_asset, set_damping
+from sb3_hucrl.tasks.reacher import BASE, TOOL_LENGTH
 
 JOINTS = (
     "r_shoulder_pan_joint",
@@ -19,8 +20,6 @@ JOINTS = (
 REACHER_RANGES = ((-2.2854, 1.7146), (-0.5236, 1.3963), (-3.9, 0.8), (-2.3213, 0.0), None, (-2.094, 0.0), None)
 #: N m s / rad
 REACHER_DAMPING = (10.0, 10.0, 0.1, 1.0, 0.1, 0.1, 0.1)
-#: from the wrist to the gripper's tool point, in m
-TOOL_LENGTH = 0.16828
 
 
 def reacher_spec() -> mujoco.MjSpec:
@@ -31,7 +30,7 @@ def reacher_spec() -> mujoco.MjSpec:
     spec.delete(spec.geom("table"))
     for body in ("object", "goal"):
         spec.delete(spec.body(body))
-    spec.body("r_shoulder_pan_link").pos = [0.0, -0.188, 0.0]
+    spec.body("r_shoulder_pan_link").pos = BASE
     spec.body("r_wrist_roll_link").add_site(name="tool", pos=[TOOL_LENGTH, 0.0, 0.0], size=[0.02, 0, 0])
     goal = spec.worldbody.add_site(name="goal", size=[0.05, 0, 0])
     goal.rgba = [0.8, 0.2, 0.2, 0.8]

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, set_damping
-
-POLE_LENGTH = 0.6
+from sb3_hucrl.tasks.cartpole import POLE_LENGTH
 
 
 def cartpole_spec() -> mujoco.MjSpec:

@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from sb3_hucrl.envs.arm import reacher_spec
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv
-
-GOAL_MEAN = (0.0, 0.25, 0.0)
-GOAL_STD = 0.1
+from sb3_hucrl.tasks.reacher import GOAL_MEAN, GOAL_STD
 
 
 class ReacherEnv(MujocoTaskEnv):

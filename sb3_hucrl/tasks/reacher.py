@@ -8,6 +8,7 @@ from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arm_kinematics import hand_position
 
 BASE = (0.0, -0.188, 0.0)
+#: from the wrist to the gripper's tool point, in m
 TOOL_LENGTH = 0.16828
 GOAL_MEAN = (0.0, 0.25, 0.0)
 GOAL_STD = 0.1

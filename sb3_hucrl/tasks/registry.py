@@ -40,11 +40,9 @@ def _walker(**ranges: tuple[float, float]) -> TaskFactory:
     """
 
     def factory(kwargs: Mapping[str, Any], observation_dim: int) -> Task:
-        if kwargs.get("exclude_current_positions_from_observation") is False:
-            raise ValueError(
-                "with exclude_current_positions_from_observation=False no task is known for this environment: leave "
-                "it out, or pass task='learned'"
-            )
+        if not kwargs.get("exclude_current_positions_from_observation", True):
+            # Other values come first then: where the healthy ones are is not known here.
+            return LearnedTask(observation_dim)
         if not kwargs.get("terminate_when_unhealthy", True):
             return LocomotionTask(observation_dim, {})
         return LocomotionTask(
@@ -92,7 +90,6 @@ def find_task(spec: EnvSpec | None, observation_dim: int) -> Task | None:
     :param spec: of the environment
     :param observation_dim: number of observed values
     :return: its task, or None where nobody registered one
-    :raises ValueError: if the environment was made in a way that its task does not cover
     """
     factory = None if spec is None else _FACTORIES.get(spec.id)
     return None if spec is None or factory is None else factory(spec.kwargs, observation_dim)
@@ -109,10 +106,12 @@ def resolve_task(
     :param observation_dim: number of observed values
     :raises ValueError: if there is no such task
     """
+    if task_kwargs and not isinstance(task, str):
+        raise ValueError(f"task_kwargs {dict(task_kwargs)} need a task by name: 'learned', or module.Class")
     if isinstance(task, Task):
         return task
     if task is None:
-        return find_task(spec, observation_dim) or LearnedTask(observation_dim, **task_kwargs)
+        return find_task(spec, observation_dim) or LearnedTask(observation_dim)
     if task == "learned":
         return LearnedTask(observation_dim, **task_kwargs)
     try:
