@@ -13,15 +13,15 @@ import itertools
 import subprocess
 import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import yaml
-from stable_baselines3.common.monitor import load_results
+from results_table import ResultsTable, real_episodes
 from tqdm import tqdm
 
 from sb3_hucrl.dynamics import DYNAMICS
@@ -86,7 +86,7 @@ def command(run: Run, folder: str) -> list[str]:
     ]
 
 
-def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
+def execute(run: Run, params: list[str]) -> pd.DataFrame:
     """Train, and return one row for each real episode; a failure is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.run([*command(run, folder), *params], capture_output=True, text=True, check=False)
@@ -94,9 +94,7 @@ def execute(run: Run, commit: str, params: list[str]) -> pd.DataFrame:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
             return pd.DataFrame()
         [path] = Path(folder).glob(f"{run.algo}/{run.env}_*/")
-        returns = load_results(str(path)).r
-        rows = pd.DataFrame({"episode": range(1, len(returns) + 1), "real_return": returns.round(2)})
-        return rows.assign(**asdict(run), commit=commit)
+        return real_episodes(str(path))
 
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
@@ -138,24 +136,15 @@ def main() -> None:
     parser.add_argument("--params", nargs="*", default=[], help="passed on to rl_zoo3 train as further -params")
     args = parser.parse_args()
 
-    results = pd.read_csv(args.output) if args.output.exists() else pd.DataFrame()
-    done = set() if results.empty else set(results[list(Run.__annotations__)].itertuples(index=False, name=None))
     settings = itertools.product(
         [args.algo], [args.env], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
     )
     # Seed by seed, so that an interrupted benchmark has whole seeds.
-    runs = sorted((Run(*setting) for setting in settings if setting not in done), key=lambda run: run.seed)
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
-    ).stdout.strip()
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(args.jobs) as pool:
-        finished = pool.map(lambda run: execute(run, commit, args.params), runs)
-        for rows in tqdm(finished, total=len(runs), unit="run"):
-            results = pd.concat([results, rows])
-            results.to_csv(args.output, index=False)
-    if not results.empty:
-        print(summary(results, args.solved).to_string())
+    runs = sorted((Run(*setting) for setting in settings), key=lambda run: run.seed)
+    table = ResultsTable(args.output, Run)
+    table.fill(runs, partial(execute, params=args.params), args.jobs)
+    if not table.rows.empty:
+        print(summary(table.rows, args.solved).to_string())
 
 
 if __name__ == "__main__":

@@ -1,70 +1,90 @@
 """
-The README's three lines on gymnasium's Pendulum-v1, over seeds: with the known reward, and with a learned one.
+The README's three lines on any gymnasium environment, over seeds: real returns per real episode.
 
-Real returns per real episode are written to a CSV.
+By default the task is the registered one, and learned where there is none; ``--tasks learned`` learns it anyway.
+Environments of another package are named with it, as in ``shimmy:dm_control/cartpole-swingup-v0``. Finished runs are
+appended to the CSV at once and skipped when the same command is given again.
 """
 
 from __future__ import annotations
 
 import argparse
-import subprocess
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import pandas as pd
 import torch as th
+from gymnasium.wrappers import FlattenObservation
+from results_table import ResultsTable, real_episodes
+from rl_zoo3.utils import StoreDict
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.monitor import load_results
-from tqdm import tqdm
 
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
 
-ENV_ID = "Pendulum-v1"
-IMAGINED_STEPS = 12_800
+
+@dataclass(frozen=True)
+class Run:
+    """One training run; its fields are columns of the CSV."""
+
+    env: str
+    task: str
+    seed: int
 
 
-def train(setting: tuple[str, int, int]) -> pd.DataFrame:
+def make_env(env_id: str, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
+    """The environment with room for a′, its observation a vector."""
+    env = gym.make(env_id, **env_kwargs)
+    if isinstance(env.observation_space, gym.spaces.Dict):
+        env = FlattenObservation(env)
+    return HallucinationWrapper(env)
+
+
+def train(run: Run, env_kwargs: dict[str, Any], episodes: int, imagined_steps: int) -> pd.DataFrame:
     """
-    :param setting: task ("known" or "learned"), seed, number of real episodes
+    :param run: what to train
+    :param env_kwargs: of the environment
+    :param episodes: real ones, the first of them random
+    :param imagined_steps: before each of the others
     :return: one row for each real episode
     """
-    task, seed, episodes = setting
     th.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
-        venv = make_vec_env(ENV_ID, 32, seed, monitor_dir=folder, wrapper_class=HallucinationWrapper)
+        venv = make_vec_env(partial(make_env, run.env, env_kwargs), 32, run.seed, monitor_dir=folder)
         env = ImaginationVecEnv(venv)
-        model = SAC("MlpPolicy", env, learning_rate=1e-3, tau=0.02, gradient_steps=4, n_steps=4, seed=seed)
-        callback = HUCRLCallback(imagined_steps=IMAGINED_STEPS, task=None if task == "known" else task)
-        model.learn((episodes - 1) * IMAGINED_STEPS, callback=callback)
-        returns = load_results(folder).r
-    rows = pd.DataFrame({"episode": range(1, len(returns) + 1), "real_return": returns.round(2)})
-    return rows.assign(env=ENV_ID, task=task, seed=seed)
+        model = SAC("MlpPolicy", env, learning_rate=1e-3, tau=0.02, gradient_steps=4, n_steps=4, seed=run.seed)
+        callback = HUCRLCallback(imagined_steps=imagined_steps, task=None if run.task == "registered" else run.task)
+        model.learn((episodes - 1) * imagined_steps, callback=callback)
+        return real_episodes(folder)
 
 
 def main() -> None:
-    """Train, write the CSV, and print the first episode that reached the goal."""
+    """Train what is missing, and print the first episode that reached the goal."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--tasks", nargs="+", choices=["known", "learned"], default=["known", "learned"])
+    parser.add_argument("--env", default="Pendulum-v1")
+    parser.add_argument("--env-kwargs", nargs="*", action=StoreDict, default={})
+    parser.add_argument("--tasks", nargs="+", choices=["registered", "learned"], default=["registered"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--episodes", type=int, default=10, help="real episodes, the first of them random")
+    parser.add_argument("--imagined-steps", type=int, default=12_800, help="before each of the other episodes")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
-    parser.add_argument("--solved", type=float, default=-250.0)
-    parser.add_argument("--output", type=Path, default=Path("results/pendulum_v1.csv"))
+    parser.add_argument("--solved", type=float, default=-250.0, help="return that counts as solved in the summary")
+    parser.add_argument("--output", type=Path, default=Path("results/three_lines.csv"))
     args = parser.parse_args()
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
-    ).stdout.strip()
-    settings = list(product(args.tasks, args.seeds, [args.episodes]))
-    with ProcessPoolExecutor(args.jobs) as pool:
-        results = pd.concat(tqdm(pool.map(train, settings), total=len(settings), unit="run"))
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    results.assign(commit=commit).to_csv(args.output, index=False)
-    solved = results[results.real_return >= args.solved]
-    first = solved.groupby(["task", "seed"]).episode.min()
-    best = results.groupby(["task", "seed"]).real_return.max()
+
+    table = ResultsTable(args.output, Run)
+    runs = [Run(args.env, task, seed) for task, seed in product(args.tasks, args.seeds)]
+    execute = partial(train, env_kwargs=args.env_kwargs, episodes=args.episodes, imagined_steps=args.imagined_steps)
+    table.fill(runs, execute, args.jobs)
+    solved = table.rows[table.rows.real_return >= args.solved]
+    keys = ["env", "task", "seed"]
+    first = solved.groupby(keys).episode.min()
+    best = table.rows.groupby(keys).real_return.max()
     print(pd.DataFrame({"first_solved": first, "best_return": best}).to_string())
 
 
