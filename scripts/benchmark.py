@@ -28,16 +28,12 @@ from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
 
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
-OPTIMISTIC = {"exploration": "optimistic", "exploration_kwargs": {"beta": 1.0}}
-#: settings of the callback, by the name that the CSV gives them
+#: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own
 EXPLORATIONS: dict[str, dict[str, Any]] = {
-    "optimistic": OPTIMISTIC,
-    "optimistic_predictive": {
-        "exploration": "optimistic",
-        "exploration_kwargs": {"beta": 1.0, "uncertainty": "predictive"},
-    },
-    "optimistic_recalibrated": {**OPTIMISTIC, "dynamics_kwargs": {"recalibrate": True}},
-    "optimistic_capped": {**OPTIMISTIC, "uncertainty_cap": 5.0},
+    "optimistic": {},
+    "optimistic_predictive": {"exploration_kwargs": {"uncertainty": "predictive"}},
+    "optimistic_recalibrated": {"dynamics_kwargs": {"recalibrate": True}},
+    "optimistic_capped": {"uncertainty_cap": 5.0},
     "greedy": {"exploration": "greedy"},
     "greedy_ts1": {"exploration": "greedy", "exploration_kwargs": {"propagation": "ts1"}},
     "greedy_tsinf": {"exploration": "greedy", "exploration_kwargs": {"propagation": "tsinf"}},
@@ -73,8 +69,11 @@ def hyperparameters(algo: str, env: str) -> dict[str, Any]:
 def command(run: Run, folder: str) -> list[str]:
     """The command line of a run."""
     callback = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
-    callback.pop("exploration_kwargs", None)
-    callback |= {**EXPLORATIONS[run.exploration], "dynamics": run.dynamics}
+    chosen = EXPLORATIONS[run.exploration]
+    if "exploration" in chosen:
+        del callback["exploration_kwargs"]
+    for name, value in {**chosen, "dynamics": run.dynamics}.items():
+        callback[name] = {**callback.get(name, {}), **value} if isinstance(value, dict) else value
     callback["start_states"] = START_STATES[run.start_states]
     hallucinate = callback["exploration"] == "optimistic"
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
