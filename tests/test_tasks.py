@@ -12,6 +12,7 @@ import torch as th
 
 from sb3_hucrl import Task, register_task
 from sb3_hucrl.tasks import (
+    GymnasiumPendulumTask,
     LearnedReward,
     LearnedTask,
     MountainCarTask,
@@ -232,3 +233,10 @@ def test_a_task_whose_shapes_do_not_fit_is_refused(wrong: dict[str, Any], messag
     check_task(Lamp(), observation_dim=2, action_dim=1)
     with pytest.raises(ValueError, match=message):
         check_task(Lamp(**wrong), observation_dim=2, action_dim=1)
+
+
+def test_pendulum_v1_does_not_pay_for_speeds_that_it_does_not_have() -> None:
+    task, action = GymnasiumPendulumTask(), th.zeros(2, 1)
+    state = th.tensor([[0.5, 8.0], [0.5, 80.0]])
+    slow, fast = task.reward(state, action, state)
+    assert slow == fast
