@@ -138,8 +138,8 @@ class HUCRLCallback(BaseCallback):
             self.logger.info(f"{type(self._task).__name__}: the dynamics model learns the reward, too")
         if spec is None or spec.max_episode_steps is None:
             raise ValueError(
-                "the environment has no time limit, so a real episode may never end: wrap it in "
-                "gymnasium.wrappers.TimeLimit, or register it with max_episode_steps"
+                "the environment has no time limit, so a real episode may never end: make it with "
+                "gymnasium.make(..., max_episode_steps=1000), or register it with max_episode_steps"
             )
         self._horizon = self.horizon or int(spec.max_episode_steps)
         box = require_bounded_box(self.training_env.action_space)

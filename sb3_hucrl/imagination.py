@@ -72,19 +72,22 @@ class Imagination:
             )
         hallucinated_dim = strategy.hallucinated_dim(task.hallucinated_dim)
         if action_space.shape[0] != model.action_dim + hallucinated_dim:
+            room = f"HallucinationWrapper(env, hallucinated_dim={hallucinated_dim})"
+            ours = f"hallucinate: true, hallucinated_dim: {hallucinated_dim}"
+            if hallucinated_dim == 0:
+                room, ours = "no HallucinationWrapper around it", "hallucinate: false"
             raise ValueError(
-                f"the action space has {action_space.shape[0]} dimensions, but the dynamics model takes "
-                f"{model.action_dim} and {type(strategy).__name__} adds {hallucinated_dim}: build the model with "
-                "the real action_dim, and wrap the environment in HallucinationWrapper (hallucinate=True) exactly "
-                "when the strategy adds dimensions"
+                f"the action space has {action_space.shape[0]} dimensions: {model.action_dim} of the real action, and "
+                f"{type(strategy).__name__} on {type(task).__name__} needs {hallucinated_dim} hallucinated ones: make "
+                f"the environment with {room}; if it is one of this package, with env_kwargs: {{{ours}}}"
             )
         self.horizon = horizon
         self.num_envs = num_envs
         self._model, self._strategy, self._task, self._starts = model, strategy, task, starts
         self._device = model.device
         self._max_epistemic_std = max_epistemic_std
-        self._low = th.as_tensor(action_space.low, device=self._device)
-        self._high = th.as_tensor(action_space.high, device=self._device)
+        self._low = th.as_tensor(action_space.low, device=self._device, dtype=th.float32)
+        self._high = th.as_tensor(action_space.high, device=self._device, dtype=th.float32)
         self._states = th.empty(0)
         self._epistemic_sum = th.zeros(num_envs, task.state_dim, device=self._device)
         self._num_steps = 0
@@ -152,7 +155,7 @@ class Imagination:
         """
         if len(self._states) == 0:
             raise RuntimeError("call reset() before step()")
-        action = th.as_tensor(actions, device=self._device, dtype=self._low.dtype).clamp(self._low, self._high)
+        action = th.as_tensor(actions, device=self._device, dtype=th.float32).clamp(self._low, self._high)
         real_action, hallucinated = action.tensor_split([self._model.action_dim], dim=1)
         state = self._states
         has_context = self._task.context_dim > 0

@@ -2,8 +2,9 @@
 The README's three lines on any gymnasium environment, over seeds: real returns per real episode.
 
 By default the task is the registered one, and learned where there is none; ``--tasks learned`` learns it anyway.
-Environments of another package are named with it, as in ``shimmy:dm_control/cartpole-swingup-v0``. Finished runs are
-appended to the CSV at once and skipped when the same command is given again.
+Environments of another package are named with it, as in ``shimmy:dm_control/cartpole-swingup-v0``, which needs
+``--env-kwargs max_episode_steps:1000`` for gymnasium to know how long its episodes are. Finished runs are appended to
+the CSV at once and skipped when the same command is given again.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
+from sb3_hucrl.spaces import require_vector_observation
 
 
 @dataclass(frozen=True)
@@ -34,15 +36,17 @@ class Run:
 
     env: str
     task: str
+    gamma: float
     seed: int
 
 
-def make_env(env_id: str, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
+def make_env(run: Run, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
     """The environment with room for a′, its observation a vector."""
-    env = gym.make(env_id, **env_kwargs)
+    env = gym.make(run.env, **env_kwargs)
     if isinstance(env.observation_space, gym.spaces.Dict):
         env = FlattenObservation(env)
-    return HallucinationWrapper(env)
+    [observation_dim] = require_vector_observation(env.observation_space).shape
+    return HallucinationWrapper(env, observation_dim if run.task == "learned" else None)
 
 
 def train(run: Run, env_kwargs: dict[str, Any], episodes: int, imagined_steps: int) -> pd.DataFrame:
@@ -55,9 +59,18 @@ def train(run: Run, env_kwargs: dict[str, Any], episodes: int, imagined_steps: i
     """
     th.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
-        venv = make_vec_env(partial(make_env, run.env, env_kwargs), 32, run.seed, monitor_dir=folder)
+        venv = make_vec_env(partial(make_env, run, env_kwargs), 32, run.seed, monitor_dir=folder)
         env = ImaginationVecEnv(venv)
-        model = SAC("MlpPolicy", env, learning_rate=1e-3, tau=0.02, gradient_steps=4, n_steps=4, seed=run.seed)
+        model = SAC(
+            "MlpPolicy",
+            env,
+            learning_rate=1e-3,
+            gamma=run.gamma,
+            tau=0.02,
+            gradient_steps=4,
+            n_steps=4,
+            seed=run.seed,
+        )
         callback = HUCRLCallback(imagined_steps=imagined_steps, task=None if run.task == "registered" else run.task)
         model.learn((episodes - 1) * imagined_steps, callback=callback)
         return real_episodes(folder)
@@ -69,6 +82,7 @@ def main() -> None:
     parser.add_argument("--env", default="Pendulum-v1")
     parser.add_argument("--env-kwargs", nargs="*", action=StoreDict, default={})
     parser.add_argument("--tasks", nargs="+", choices=["registered", "learned"], default=["registered"])
+    parser.add_argument("--gamma", type=float, default=0.95)
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--episodes", type=int, default=10, help="real episodes, the first of them random")
     parser.add_argument("--imagined-steps", type=int, default=12_800, help="before each of the other episodes")
@@ -78,11 +92,11 @@ def main() -> None:
     args = parser.parse_args()
 
     table = ResultsTable(args.output, Run)
-    runs = [Run(args.env, task, seed) for task, seed in product(args.tasks, args.seeds)]
+    runs = [Run(args.env, task, args.gamma, seed) for task, seed in product(args.tasks, args.seeds)]
     execute = partial(train, env_kwargs=args.env_kwargs, episodes=args.episodes, imagined_steps=args.imagined_steps)
     table.fill(runs, execute, args.jobs)
     solved = table.rows[table.rows.real_return >= args.solved]
-    keys = ["env", "task", "seed"]
+    keys = ["env", "task", "gamma", "seed"]
     first = solved.groupby(keys).episode.min()
     best = table.rows.groupby(keys).real_return.max()
     print(pd.DataFrame({"first_solved": first, "best_return": best}).to_string())

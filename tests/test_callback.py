@@ -329,9 +329,9 @@ def test_bad_stacks_are_refused_with_advice() -> None:
         SAC("MlpPolicy", imagination_env(1)).learn(80, callback=small_callback())
     with pytest.raises(ValueError, match=r"VecFrameStack.* wrap ImaginationVecEnv"):
         SAC("MlpPolicy", VecFrameStack(imagination_env(), 2)).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match=r"Greedy adds 0.*HallucinationWrapper"):
+    with pytest.raises(ValueError, match=r"Greedy .* needs 0 .*HallucinationWrapper"):
         small_sac().learn(80, callback=small_callback(exploration="greedy"))
-    with pytest.raises(ValueError, match=r"Optimistic adds 2.*HallucinationWrapper"):
+    with pytest.raises(ValueError, match=r"Optimistic .* needs 2 .*HallucinationWrapper"):
         small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback())
 
 

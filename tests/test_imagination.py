@@ -177,7 +177,7 @@ def test_bad_input_says_what_to_do() -> None:
         imagine(TruePendulum(), Greedy(), horizon=0)
     with pytest.raises(ValueError, match=r"predicts 3 state dimensions, PendulumTask has 2.*state_dim=2"):
         imagine(ProbabilisticEnsemble(3, 1), Greedy())
-    with pytest.raises(ValueError, match=r"takes 2 and Optimistic adds 2.*HallucinationWrapper"):
+    with pytest.raises(ValueError, match=r"2 of the real action, and Optimistic .* needs 2 .*HallucinationWrapper"):
         imagine(ProbabilisticEnsemble(2, 2), Optimistic())
     with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
         imagine(TruePendulum(), Greedy()).step(np.zeros((1, 1), dtype=np.float32))

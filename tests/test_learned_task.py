@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -154,8 +156,9 @@ def test_the_ensemble_learns_the_reward_with_an_uncertainty() -> None:
 class PointMass(gym.Env[np.ndarray, np.ndarray]):
     """Nobody registered this one: a point on a line that is paid for being at 0 and leaves at ±2."""
 
-    observation_space = spaces.Box(-10.0, 10.0, (1,))
-    action_space = spaces.Box(-1.0, 1.0, (1,))
+    def __init__(self, dtype: Any = np.float32) -> None:
+        self.observation_space = spaces.Box(-10.0, 10.0, (1,), dtype)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), dtype)
 
     def reset(self, *, seed: int | None = None, options: object = None) -> tuple[np.ndarray, dict[str, object]]:
         super().reset(seed=seed)
@@ -167,17 +170,19 @@ class PointMass(gym.Env[np.ndarray, np.ndarray]):
         return np.array([self.x], dtype=np.float32), -abs(self.x), abs(self.x) > 2, False, {}
 
 
+def imagination_of(env_id: str, hallucinated_dim: int | None = None) -> ImaginationVecEnv:
+    wrapper_kwargs = {"hallucinated_dim": hallucinated_dim}
+    venv = make_vec_env(env_id, 4, seed=0, wrapper_class=HallucinationWrapper, wrapper_kwargs=wrapper_kwargs)
+    return ImaginationVecEnv(venv)
+
+
 @pytest.mark.parametrize("hallucinate_reward", [False, True])
 def test_an_unregistered_environment_runs_with_learned_reward_and_termination(
     hallucinate_reward: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if "PointMass-v0" not in gym.registry:
         gym.register("PointMass-v0", entry_point=lambda **kwargs: PointMass(**kwargs), max_episode_steps=40)
-    dim = 1 + int(hallucinate_reward)
-    venv = make_vec_env(
-        "PointMass-v0", 4, seed=0, wrapper_class=HallucinationWrapper, wrapper_kwargs={"hallucinated_dim": dim}
-    )
-    model = small_sac(ImaginationVecEnv(venv), verbose=1)
+    model = small_sac(imagination_of("PointMass-v0", 1 + int(hallucinate_reward)), verbose=1)
     settings = {"task": "learned", "task_kwargs": {"hallucinate_reward": True}} if hallucinate_reward else {}
     model.learn(160, callback=small_callback(initial_episodes=5, **settings))
     state = vars(model)["hucrl"]
@@ -188,3 +193,26 @@ def test_an_unregistered_environment_runs_with_learned_reward_and_termination(
     np.testing.assert_allclose(transitions.next_states[:, 1], transitions.rewards)
     np.testing.assert_array_equal(transitions.next_states[:, 2] > 0.5, transitions.terminated)
     assert bool(transitions.terminated.any())
+
+
+def test_double_precision_is_welcome() -> None:
+    # As dm_control gives and takes everything.
+    if "DoublePointMass-v0" not in gym.registry:
+        gym.register(
+            "DoublePointMass-v0", entry_point=lambda **kwargs: PointMass(np.float64, **kwargs), max_episode_steps=40
+        )
+    model = small_sac(imagination_of("DoublePointMass-v0"))
+    model.learn(80, callback=small_callback(initial_episodes=2))
+    state = vars(model)["hucrl"]
+    assert isinstance(state, HUCRLState)
+    assert state.real_episodes == 3
+    assert state.dataset.transitions.actions.dtype == th.float32
+
+
+def test_learning_a_known_task_says_how_much_room_it_needs() -> None:
+    # The known task's state is an angle and a speed; to learn it, all three observed values are hallucinated.
+    settings = {"task": "learned", "initial_episodes": 1}
+    with pytest.raises(ValueError, match=r"HallucinationWrapper\(env, hallucinated_dim=3\)"):
+        small_sac(imagination_of("Pendulum-v1")).learn(80, callback=small_callback(**settings))
+    model = small_sac(imagination_of("Pendulum-v1", 3)).learn(80, callback=small_callback(**settings))
+    assert isinstance(vars(model)["hucrl"], HUCRLState)

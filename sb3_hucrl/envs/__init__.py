@@ -35,21 +35,26 @@ ENVIRONMENTS = {
 }
 
 
-def make_env(env_id: str, hallucinate: bool = True, **kwargs: Any) -> gym.Env[Any, Any]:
+def make_env(
+    env_id: str, hallucinate: bool = True, hallucinated_dim: int | None = None, **kwargs: Any
+) -> gym.Env[Any, Any]:
     """
     Entry point of all environments of this package.
 
     :param env_id: a key of :data:`ENVIRONMENTS`
     :param hallucinate: whether the action space has room for a′, which the real environment ignores
+    :param hallucinated_dim: dimensions of a′; by default those that the environment's task allows
     :param kwargs: arguments of the environment's class
     """
     env: gym.Env[Any, Any] = pkgutil.resolve_name(ENVIRONMENTS[env_id].entry_point)(**kwargs)
     if not hallucinate:
         return env
-    # gymnasium attaches the spec only afterwards, so the wrapper cannot look the task up by itself.
-    task = find_task(gym.spec(env_id), observation_dim=0)
-    assert task is not None  # every environment of the package has one
-    return HallucinationWrapper(env, task.hallucinated_dim)
+    if hallucinated_dim is None:
+        # gymnasium attaches the spec only afterwards, so the wrapper cannot look the task up by itself.
+        task = find_task(gym.spec(env_id), observation_dim=0)
+        assert task is not None  # every environment of the package has one
+        hallucinated_dim = task.hallucinated_dim
+    return HallucinationWrapper(env, hallucinated_dim)
 
 
 def register_envs() -> None:
