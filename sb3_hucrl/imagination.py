@@ -16,6 +16,8 @@ from sb3_hucrl.tasks.base import Task
 
 #: how far imagined states may leave the visited ones, in widths of their range
 REACH = 10.0
+#: how far imagined outcomes, such as a learned reward, may leave those that were met: they are what is searched for
+OUTCOME_REACH = 1.0
 
 
 @dataclass(frozen=True)
@@ -108,9 +110,11 @@ class Imagination:
         A box around all visited states, wide enough never to bind while the model predicts anything sensible. It stops
         an extrapolating ensemble from blowing up, and with it the critic. Angles and constant dimensions are free.
         """
-        visited = self._starts.visited_states[:, : self._task.state_dim]
+        p, outcomes = self._task.state_dim, self._task.outcome_dim
+        visited = self._starts.visited_states[:, :p]
         low, high = visited.amin(dim=0), visited.amax(dim=0)
         margin = REACH * (high - low)
+        margin[p - outcomes :] *= OUTCOME_REACH / REACH
         margin[margin == 0] = th.inf
         margin[list(self._task.angle_dims)] = th.inf
         return (low - margin).to(self._device), (high + margin).to(self._device)
@@ -161,7 +165,7 @@ class Imagination:
         has_context = self._task.context_dim > 0
         prediction = self._model.predict(state[:, : self._task.state_dim] if has_context else state, real_action)
         next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
-        next_state = next_state.clamp(*self._range)
+        next_state = self._task.sample_outcomes(next_state.clamp(*self._range), self._noise_generator)
         if has_context:
             next_state = th.cat([next_state, state[:, self._task.state_dim :]], dim=1)
         task_reward = self._task.reward(state, real_action, next_state)

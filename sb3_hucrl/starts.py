@@ -51,8 +51,8 @@ class StartStates:
 
     @property
     def visited_states(self) -> th.Tensor:
-        """Every real state so far, shape (n, p + c)."""
-        return self._dataset.transitions.states
+        """Every real state so far, before and after each step, with the step's outcomes; shape (2n, p + c)."""
+        return th.cat([self._dataset.transitions.states, self._dataset.transitions.next_states])
 
     def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
         """

@@ -172,7 +172,7 @@ def test_learned_model_env_follows_its_seed_and_ends_at_its_horizon() -> None:
 
 
 def test_learned_model_env_refuses_a_model_of_another_environment() -> None:
-    with pytest.raises(ValueError, match="takes 1 and Optimistic adds 2"):
+    with pytest.raises(ValueError, match="1 of the real action, and Optimistic on PendulumTask needs 2"):
         LearnedModelEnv(
             TruePendulum(),
             Optimistic(),

@@ -57,14 +57,16 @@ def starts_at(state: list[float], task: Task) -> StartStates:
     return StartStates(dataset, task, {"initial": 1.0})
 
 
-def imagine(task: Task, model: Predictor, strategy: Greedy | Optimistic, start: list[float]) -> Imagination:
-    actions = model.action_dim + strategy.hallucinated_dim(task.hallucinated_dim)
-    return Imagination(model, strategy, task, starts_at(start, task), 10, 2, spaces.Box(-1, 1, (actions,)), seed=0)
+def imagine(
+    task: Task, model: Predictor, strategy: Greedy | Optimistic, start: list[float], num_envs: int = 2
+) -> Imagination:
+    box = spaces.Box(-1, 1, (model.action_dim + strategy.hallucinated_dim(task.hallucinated_dim),))
+    return Imagination(model, strategy, task, starts_at(start, task), 10, num_envs, box, seed=0)
 
 
 def test_outcomes_are_given_out_and_forgotten() -> None:
     task = LearnedTask(2)
-    model = Recorder(4, outcomes=(7.0, 0.2))
+    model = Recorder(4, outcomes=(7.0, 0.0))
     imagination = imagine(task, model, Greedy(), [1.0, 2.0, 0.0, 0.0])
     imagination.reset()
     for step in range(1, 4):
@@ -76,11 +78,28 @@ def test_outcomes_are_given_out_and_forgotten() -> None:
     np.testing.assert_allclose(imagination.returns, 21.0)
 
 
-def test_learned_termination_ends_above_one_half() -> None:
+@pytest.mark.parametrize(("predicted", "expected"), [(-0.1, 0.0), (0.01, 0.0), (0.3, 0.3), (1.1, 1.0)])
+def test_imagined_trajectories_end_with_the_predicted_probability(predicted: float, expected: float) -> None:
     task = LearnedTask(2)
-    imagination = imagine(task, Recorder(4, outcomes=(0.0, 0.6)), Greedy(), [0.0] * 4)
+    imagination = imagine(task, Recorder(4, outcomes=(0.0, predicted)), Greedy(), [0.0] * 4, num_envs=4_000)
     imagination.reset()
-    assert imagination.step(np.zeros((2, 1), dtype=np.float32)).terminated.all()
+    ended = imagination.step(np.zeros((4_000, 1), dtype=np.float32)).terminated
+    # The standard error is 0.007.
+    np.testing.assert_allclose(ended.mean(), expected, atol=0.03 * (0 < expected < 1))
+
+
+def test_a_reward_is_not_imagined_far_from_those_that_were_paid() -> None:
+    task = LearnedReward(1)
+    dataset = TransitionDataset(task.width, 1)
+    states = th.zeros(2, 2)
+    next_states, paid = th.tensor([[1.0, -3.0], [2.0, -5.0]]), th.tensor([-3.0, -5.0])
+    dataset.append_episode(Transitions(states, th.zeros(2, 1), next_states, paid, th.zeros(2, dtype=th.bool)))
+    for predicted, expected in ((100.0, 5.0), (-4.0, -4.0), (-100.0, -10.0)):
+        starts = StartStates(dataset, task, {"initial": 1.0})
+        model, box = Recorder(2, outcomes=(predicted,)), spaces.Box(-1, 1, (1,))
+        imagination = Imagination(model, Greedy(), task, starts, 10, 2, box, seed=0)
+        imagination.reset()
+        np.testing.assert_allclose(imagination.step(np.zeros((2, 1), dtype=np.float32)).rewards, expected)
 
 
 @pytest.mark.parametrize("hallucinate_reward", [False, True])

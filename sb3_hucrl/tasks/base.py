@@ -105,6 +105,16 @@ class Task(ABC):
         """
         return next_states
 
+    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator) -> th.Tensor:
+        """
+        Decide in imagination what the model predicts as a probability.
+
+        :param next_state: shape (B, p + c)
+        :param generator: draws, on the state's device
+        :return: the next state with its outcomes decided
+        """
+        return next_state
+
 
 def tolerance(values: th.Tensor, lower: float, upper: float, margin: float) -> th.Tensor:
     """

@@ -6,6 +6,9 @@ import torch as th
 
 from sb3_hucrl.tasks.base import Task
 
+#: below this probability of an end, the prediction is the noise of a regression onto zeros
+NEGLIGIBLE = 0.02
+
 
 class LearnedReward(Task):
     """
@@ -46,8 +49,9 @@ class LearnedReward(Task):
 
 class LearnedTask(LearnedReward):
     """
-    State (observation, reward, termination): termination is learned as 1 where real episodes ended and 0 elsewhere, and
-    imagined ones end above 1/2. What it hangs on must be visible in the observation and the action.
+    State (observation, reward, termination): termination is learned as 1 where real episodes ended and 0 elsewhere, so
+    its prediction is a probability, with which imagined trajectories end. Ends are rare, and seldom predicted with more
+    certainty than one half. What an end hangs on must be visible in the observation and the action.
 
     :param observation_dim: of the real environment
     :param hallucinate_reward: whether a′ steers the reward as well, see :class:`LearnedReward`
@@ -62,3 +66,10 @@ class LearnedTask(LearnedReward):
         next_states = super().record_outcomes(next_states, rewards, terminated)
         next_states[:, self.observation_dim + 1] = terminated.to(next_states.dtype)
         return next_states
+
+    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator) -> th.Tensor:
+        probability = next_state[:, self.observation_dim + 1]
+        drawn = th.rand(len(probability), generator=generator, device=probability.device)
+        next_state = next_state.clone()
+        next_state[:, self.observation_dim + 1] = (probability > drawn.clamp(min=NEGLIGIBLE)).to(next_state.dtype)
+        return next_state
