@@ -8,26 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch as th
+from sb3_contrib import ARS
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import CSVOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_hucrl.actors import one_by_one, policy_actor, random_actor
+from sb3_hucrl.checkpoint import save_atomically
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DynamicsModel, FitReport, Predictor, make_dynamics, require_known
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.report import record_fit
-from sb3_hucrl.rollout import Array, collect_episode
-from sb3_hucrl.selection import BatchActor, BestPolicy, imagined_return, one_by_one
+from sb3_hucrl.rollout import collect_episode
+from sb3_hucrl.selection import choose_policy, imagined_return
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState, attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward, Task, check_task, resolve_task
 from sb3_hucrl.uncertainty_cap import epistemic_limit
+
+#: imagined trajectories by which a policy is judged
+JUDGED = 32
 
 
 class HUCRLCallback(BaseCallback):
@@ -60,9 +66,14 @@ class HUCRLCallback(BaseCallback):
     :param real_episodes: real episodes after each search, at least 1
     :param sampling_fraction: share of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.starts.StartStates`
+    :param real_data_fraction: share of real transitions in each batch that an off-policy algorithm replays, in [0, 1]
+    :param stale_fraction: share of the replay buffer, the latest of it, that outlives a refit; by default nothing that
+        an older model imagined
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
+    :param checkpoint: file in which the SB3 model is saved after every real episode, so that no real step is ever lost;
+        rl_zoo3 runs use ``checkpoint.zip`` in the run's folder
     :param verbose: 1 prints what is resumed
     :raises ValueError: if a number is too small or a name unknown
     """
@@ -81,8 +92,11 @@ class HUCRLCallback(BaseCallback):
         real_episodes: int = 1,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
+        real_data_fraction: float = 0.0,
+        stale_fraction: float = 0.0,
         uncertainty_cap: float | None = None,
         log_dir: str | None = None,
+        checkpoint: str | None = None,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
@@ -96,8 +110,14 @@ class HUCRLCallback(BaseCallback):
         for name, value in counts.items():
             if value < 1:
                 raise ValueError(f"{name} is {value}: give at least 1")
-        if not 0 <= sampling_fraction <= 1:
-            raise ValueError(f"sampling_fraction is {sampling_fraction}: give a share between 0 and 1")
+        shares = {
+            "sampling_fraction": sampling_fraction,
+            "real_data_fraction": real_data_fraction,
+            "stale_fraction": stale_fraction,
+        }
+        for name, share in shares.items():
+            if not 0 <= share <= 1:
+                raise ValueError(f"{name} is {share}: give a share between 0 and 1")
         if isinstance(dynamics, str):
             require_known(dynamics)
         if uncertainty_cap is not None and not uncertainty_cap > 0:
@@ -115,17 +135,19 @@ class HUCRLCallback(BaseCallback):
         self.real_episodes = real_episodes
         self.sampling_fraction = sampling_fraction
         self.start_states = start_states
+        self.real_data_fraction = real_data_fraction
+        self.stale_fraction = stale_fraction
         self.uncertainty_cap = uncertainty_cap
         self.log_dir = log_dir
+        self.checkpoint = checkpoint
         self._csv: CSVOutputFormat | None = None
         self._searching = False
         self._search_start = 0
         self._clock = 0.0
 
     def _on_training_start(self) -> None:
-        self._best = BestPolicy()
         self._imagination_env = find_imagination(self.training_env)
-        if self.training_env.num_envs < 2:
+        if self.training_env.num_envs < 2 and not isinstance(self.model, ARS):
             raise ValueError(
                 f"n_envs is {self.training_env.num_envs}: imagination steps all environments as one batch and needs "
                 "at least 2; make 32 or so, for example make_vec_env(..., n_envs=32)"
@@ -142,20 +164,20 @@ class HUCRLCallback(BaseCallback):
                 "gymnasium.make(..., max_episode_steps=1000), or register it with max_episode_steps"
             )
         self._horizon = self.horizon or int(spec.max_episode_steps)
-        box = require_bounded_box(self.training_env.action_space)
+        box = self._action_box = require_bounded_box(self.training_env.action_space)
         hallucinated_dim = self._real_env.get_attr("hallucinated_dim", 0)[0] if self._is_hallucinated() else 0
         self._action_dim = box.shape[0] - hallucinated_dim
         check_task(self._task, observation_dim, self._action_dim)
-        self._low, self._high = th.as_tensor(box.low), th.as_tensor(box.high)
         self._state = self._resume() or self._begin()
         attach_state(self.model, self._state)
         # Built before any real step is taken, so that what does not fit is found at once.
         self._starts = StartStates(self._state.dataset, self._task, self.start_states)
         self._imagine(self._state.dynamics)
-        if len(self._state.dataset) == 0:
-            started = time.perf_counter()
-            for _ in range(self.initial_episodes):
-                self._append(collect_episode(self._real_env, self._random_actor, self._task, self._action_dim))
+        started = time.perf_counter()
+        act = random_actor(box, self._state.generator)
+        for _ in range(self._state.real_episodes, self.initial_episodes):
+            self._append(collect_episode(self._real_env, act, self._task, self._action_dim))
+        if self._state.fitted_steps < len(self._state.dataset):
             self._refit(time.perf_counter() - started, search_seconds=0.0)
         self._start_search()
 
@@ -232,65 +254,55 @@ class HUCRLCallback(BaseCallback):
         num_envs = self.training_env.num_envs
         self._search_model = self.strategy.begin_search(state.dynamics, num_envs, state.real_episodes, state.generator)
         self._imagine(self._search_model, limit)
-        if isinstance(self.model, OffPolicyAlgorithm) and self.model.replay_buffer is not None:
-            # What the last model imagined would contradict the new one.
-            self.model.replay_buffer.reset()
+        if isinstance(self.model, OffPolicyAlgorithm):
+            self._renew_replay(self.model)
         restart_trajectories(self.model)
         self._search_start = self.model.num_timesteps
         self._searching = True
         self._clock = time.perf_counter()
 
+    def _renew_replay(self, model: OffPolicyAlgorithm) -> None:
+        buffer = model.replay_buffer
+        assert buffer is not None  # an off-policy algorithm in training has one
+        if self.real_data_fraction > 0:
+            if not isinstance(buffer, MixedReplayBuffer):
+                model.replay_buffer = buffer = MixedReplayBuffer(buffer, self.real_data_fraction)
+            rng = np.random.default_rng(self._state.draw_seed())
+            buffer.real = real_buffer(buffer.imagined, self._state.dataset, self._task, self._action_box, rng)
+        # What the last model imagined may contradict the new one.
+        keep_latest(buffer.imagined if isinstance(buffer, MixedReplayBuffer) else buffer, self.stale_fraction)
+
     def _end_search(self, deterministic: bool) -> None:
         if deterministic:
-            self.logger.record("imagined/mode_return", self._best.choose(self.model, self._mode_return))
+            self._state.best, promised = choose_policy(self.model, self._state.best, self._mode_return)
+            self.logger.record("imagined/mode_return", promised)
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
-            actor = self._policy_actor(deterministic)
-            self._append(collect_episode(self._real_env, one_by_one(actor), self._task, self._action_dim))
+            act = one_by_one(policy_actor(self.model, deterministic))
+            self._append(collect_episode(self._real_env, act, self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
 
     def _mode_return(self) -> float:
         """Of the policy's mode, from real start states, on what the search imagined."""
         starts = StartStates(self._state.dataset, self._task, {"initial": 1.0})
-        box = require_bounded_box(self.training_env.action_space)
         imagination = Imagination(
-            self._search_model,
-            self.strategy,
-            self._task,
-            starts,
-            self._horizon,
-            self.training_env.num_envs,
-            box,
-            seed=0,
+            self._search_model, self.strategy, self._task, starts, self._horizon, JUDGED, self._action_box, seed=0
         )
-        return imagined_return(imagination, self._policy_actor(deterministic=True))
+        return imagined_return(imagination, policy_actor(self.model, deterministic=True))
 
     def _append(self, episode: Transitions) -> None:
         self._state.dataset.append_episode(episode)
         self._state.real_episodes += 1
         self._state.last_return = float(episode.rewards.sum(dtype=th.float64))
-
-    def _random_actor(self, observation: Array, first: bool) -> Array:
-        uniform = th.rand(self._low.shape, generator=self._state.generator)
-        return (self._low + uniform * (self._high - self._low)).numpy()
-
-    def _policy_actor(self, deterministic: bool) -> BatchActor:
-        normalizer = self.model.get_vec_normalize_env()
-        memory: tuple[np.ndarray, ...] | None = None
-
-        def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
-            nonlocal memory
-            inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
-            actions, memory = self.model.predict(inputs, state=memory, episode_start=first, deterministic=deterministic)
-            return actions
-
-        return act
+        if self.checkpoint is not None:
+            save_atomically(self.model, self.checkpoint)
 
     def _refit(self, rollout_seconds: float, search_seconds: float) -> None:
         started = time.perf_counter()
         state = self._state
         report = state.dynamics.fit(state.dataset, state.generator)
+        state.fitted_steps = len(state.dataset)
         self._log(report, rollout_seconds, time.perf_counter() - started, search_seconds)
 
     def _log(self, report: FitReport, rollout_seconds: float, fit_seconds: float, search_seconds: float) -> None:

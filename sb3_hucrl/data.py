@@ -73,6 +73,8 @@ class TransitionDataset:
         self.holdout_fraction = holdout_fraction
         self.transitions = Transitions.empty(state_dim, action_dim)
         self.initial_states = th.zeros(0, state_dim)
+        #: number of transitions of each episode
+        self.lengths: list[int] = []
         self._is_holdout = th.zeros(0, dtype=th.bool)
         self._weights = th.zeros(0, 0)
         self._generator = th.Generator().manual_seed(seed)
@@ -97,6 +99,7 @@ class TransitionDataset:
             )
         self.transitions = Transitions.concatenate([self.transitions, episode])
         self.initial_states = th.cat([self.initial_states, episode.states[:1]])
+        self.lengths.append(len(episode))
         drawn = th.rand(len(episode), generator=self._generator) < self.holdout_fraction
         self._is_holdout = th.cat([self._is_holdout, drawn])
 

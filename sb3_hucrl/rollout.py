@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 import torch as th
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_hucrl.actors import Actor, Array
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.tasks.base import Task
-
-Array = npt.NDArray[np.float32]
-#: maps an observation, and whether it is an episode's first, to an action (a, a′)
-Actor = Callable[[Array, bool], Array]
 
 
 def collect_episode(venv: VecEnv, act: Actor, task: Task, action_dim: int) -> Transitions:

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from sb3_hucrl.actors import BatchActor
 from sb3_hucrl.imagination import Imagination
-from sb3_hucrl.rollout import Actor, Array
-
-#: maps observations of all trajectories, and whether each is a trajectory's first, to actions (a, a′)
-BatchActor = Callable[[Array, npt.NDArray[np.bool_]], Array]
-
-
-def one_by_one(act: BatchActor) -> Actor:
-    """
-    :param act: for a batch
-    :return: the same for a batch of one
-    """
-    return lambda observation, first: act(observation[np.newaxis], np.array([first]))[0]
+from sb3_hucrl.parameters import Parameters
 
 
 def imagined_return(imagination: Imagination, act: BatchActor) -> float:
@@ -43,32 +30,25 @@ def imagined_return(imagination: Imagination, act: BatchActor) -> float:
     return float(returns.mean())
 
 
-class BestPolicy:
+def choose_policy(
+    model: BaseAlgorithm, kept: Parameters | None, evaluate: Callable[[], float]
+) -> tuple[Parameters, float]:
     """
-    Keeps the best solution of (7) that was found so far, as the latest model sees it.
+    Give the model the best solution of (7) that was found so far, as the newest dynamics model sees it.
 
     Policy search fluctuates: what it ends with may be worse than what it began with. Both are judged on the same,
     newest model, so that a policy that only exploited an earlier model's mistakes is not kept.
+
+    :param model: at the end of a search
+    :param kept: what was chosen last time, or None at the first time
+    :param evaluate: return of the model's policy on the newest dynamics
+    :return: what the model has now, and its return; what was found now unless the kept one is better
     """
-
-    def __init__(self) -> None:
-        self._parameters: Mapping[str, Any] | None = None
-
-    def choose(self, model: BaseAlgorithm, evaluate: Callable[[], float]) -> float:
-        """
-        Give the model's policy back the parameters of the last chosen one, unless the new ones are at least as good.
-
-        :param model: at the end of a search
-        :param evaluate: return of the model's policy on the newest dynamics
-        :return: that of the chosen one
-        """
-        found = copy.deepcopy(model.policy.state_dict())
-        value = evaluate()
-        if self._parameters is not None:
-            model.policy.load_state_dict(self._parameters)
-            kept_value = evaluate()
-            if kept_value > value:
-                return kept_value
-            model.policy.load_state_dict(found)
-        self._parameters = found
-        return value
+    found, value = Parameters.of(model), evaluate()
+    if kept is not None:
+        kept.restore(model)
+        kept_value = evaluate()
+        if kept_value > value:
+            return kept, kept_value
+        found.restore(model)
+    return found, value

@@ -11,6 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.parameters import Parameters
 
 ATTRIBUTE = "hucrl"
 
@@ -26,6 +27,8 @@ class HUCRLState:
     :param generator: the source of the callback's randomness, on the CPU
     :param real_episodes: number of real episodes so far
     :param last_return: return of the latest of them
+    :param fitted_steps: number of real steps that the dynamics model was last fitted to
+    :param best: the policy that the latest model promises most of, once training plays the best one
     """
 
     dataset: TransitionDataset
@@ -33,6 +36,8 @@ class HUCRLState:
     generator: th.Generator
     real_episodes: int = 0
     last_return: float = float("nan")
+    fitted_steps: int = 0
+    best: Parameters | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "dynamics": copy.deepcopy(self.dynamics).cpu()}

@@ -18,11 +18,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from tqdm import tqdm
 
 from sb3_hucrl import TransitionDataset, Transitions
+from sb3_hucrl.actors import Actor, Array
 from sb3_hucrl.dynamics import DYNAMICS, make_dynamics
 from sb3_hucrl.dynamics.calibration import calibration_error, reliability
 from sb3_hucrl.dynamics.delta import DeltaModel
 from sb3_hucrl.plots import reliability_figure
-from sb3_hucrl.rollout import Actor, Array, collect_episode
+from sb3_hucrl.rollout import collect_episode
 from sb3_hucrl.tasks import PendulumTask
 
 

@@ -10,9 +10,11 @@ from gymnasium import spaces
 
 from helpers import TruePendulum, hanging_start, small_sac
 from sb3_hucrl import Greedy
+from sb3_hucrl.actors import Array
 from sb3_hucrl.envs.pendulum import PendulumEnv
 from sb3_hucrl.imagination import Imagination
-from sb3_hucrl.selection import Array, BestPolicy, imagined_return
+from sb3_hucrl.parameters import Parameters
+from sb3_hucrl.selection import choose_policy, imagined_return
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -51,7 +53,8 @@ class Search:
     """The first parameter stands for the policy, and the nearer it is to an optimum the better."""
 
     def __init__(self) -> None:
-        self.model, self.best = small_sac(), BestPolicy()
+        self.model = small_sac()
+        self.kept: Parameters | None = None
         self.weight = next(self.model.policy.parameters()).detach().flatten()
 
     def finds(self, value: float, optimum: float) -> float:
@@ -62,7 +65,8 @@ class Search:
 
         with th.no_grad():
             self.weight[0] = value
-        assert self.best.choose(self.model, evaluate) == evaluate()
+        self.kept, chosen = choose_policy(self.model, self.kept, evaluate)
+        assert chosen == evaluate()
         return float(self.weight[0])
 
 
