@@ -301,7 +301,9 @@ class HUCRLCallback(BaseCallback):
     def _refit(self, rollout_seconds: float, search_seconds: float) -> None:
         started = time.perf_counter()
         state = self._state
-        report = state.dynamics.fit(state.dataset, state.generator)
+        # ARS, which needs no gradients, has switched them off.
+        with th.enable_grad():
+            report = state.dynamics.fit(state.dataset, state.generator)
         state.fitted_steps = len(state.dataset)
         self._log(report, rollout_seconds, time.perf_counter() - started, search_seconds)
 

@@ -310,6 +310,8 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
         ({"real_episodes": 0}, "real_episodes is 0"),
         ({"imagined_steps": 0}, "imagined_steps is 0"),
         ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a share between 0 and 1"),
+        ({"real_data_fraction": -0.1}, "real_data_fraction is -0.1: give a share between 0 and 1"),
+        ({"stale_fraction": 2.0}, "stale_fraction is 2.0: give a share between 0 and 1"),
         ({"horizon": 0}, "horizon is 0"),
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
         ({"dynamics": "tree"}, "unknown dynamics 'tree'"),

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.resources import files
 from typing import Any
 
+import optuna
 from rl_zoo3.exp_manager import ExperimentManager
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
+from sb3_hucrl.zoo.interrupt import interrupt_on_termination
+from sb3_hucrl.zoo.sbx import register_sbx
+from sb3_hucrl.zoo.tuning import prepare_trial, use_trial
 
 #: rl_zoo3's own words for 'the user did not say' and 'the callback logs'
 LOG_INTERVAL_UNSET, LOG_INTERVAL_BY_CALLBACK = -1, -2
@@ -30,28 +37,67 @@ def _use_our_defaults(manager: ExperimentManager, algo: str, config: str | None)
         manager.log_interval = LOG_INTERVAL_BY_CALLBACK
 
 
-def _hand_over_log_dir(manager: ExperimentManager) -> None:
+def _hand_over_run_folder(manager: ExperimentManager) -> None:
     for callback in manager.callbacks:
-        if isinstance(callback, HUCRLCallback) and callback.log_dir is None:
-            callback.log_dir = manager.save_path
+        if isinstance(callback, HUCRLCallback):
+            callback.log_dir = callback.log_dir or manager.save_path
+            callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
+
+
+def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
+    original = getattr(ExperimentManager, name)
+    setattr(ExperimentManager, name, functools.wraps(original)(wrap(original)))
+
+
+def _init(original: Callable[..., Any]) -> Callable[..., Any]:
+    def init(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
+        original(self, args, algo, *rest, **kwargs)
+        _use_our_defaults(self, algo, kwargs.get("config"))
+
+    return init
+
+
+def _create_callbacks(original: Callable[..., Any]) -> Callable[..., Any]:
+    def create_callbacks(self: ExperimentManager) -> None:
+        original(self)
+        _hand_over_run_folder(self)
+
+    return create_callbacks
+
+
+def _read_hyperparameters(original: Callable[..., Any]) -> Callable[..., Any]:
+    def read_hyperparameters(self: ExperimentManager) -> Any:
+        hyperparams, saved = original(self)
+        for each in (hyperparams, saved):
+            use_trial(each)
+        return hyperparams, saved
+
+    return read_hyperparameters
+
+
+def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
+    def learn(self: ExperimentManager, model: BaseAlgorithm) -> None:
+        with interrupt_on_termination() if _is_ours(self) else nullcontext():
+            original(self, model)
+
+    return learn
+
+
+def _objective(original: Callable[..., Any]) -> Callable[..., Any]:
+    def objective(self: ExperimentManager, trial: optuna.Trial) -> Any:
+        return original(prepare_trial(self, trial) if _is_ours(self) else self, trial)
+
+    return objective
 
 
 def install() -> None:
-    """Extend rl_zoo3's ExperimentManager; a second call changes nothing."""
+    """Extend rl_zoo3; a second call changes nothing."""
     if getattr(ExperimentManager, "_knows_hucrl", False):
         return
-    original_init, original_create = ExperimentManager.__init__, ExperimentManager.create_callbacks
-
-    @functools.wraps(original_init)
-    def init(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
-        original_init(self, args, algo, *rest, **kwargs)
-        _use_our_defaults(self, algo, kwargs.get("config"))
-
-    @functools.wraps(original_create)
-    def create_callbacks(self: ExperimentManager) -> None:
-        original_create(self)
-        _hand_over_log_dir(self)
-
-    setattr(ExperimentManager, "__init__", init)  # noqa: B010  # mypy forbids assigning to a method
-    setattr(ExperimentManager, "create_callbacks", create_callbacks)  # noqa: B010  # as above
-    setattr(ExperimentManager, "_knows_hucrl", True)  # noqa: B010  # as above
+    _extend("__init__", _init)
+    _extend("create_callbacks", _create_callbacks)
+    _extend("read_hyperparameters", _read_hyperparameters)
+    _extend("learn", _learn)
+    _extend("objective", _objective)
+    register_sbx()
+    setattr(ExperimentManager, "_knows_hucrl", True)  # noqa: B010  # mypy knows no such attribute

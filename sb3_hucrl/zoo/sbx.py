@@ -1,0 +1,67 @@
+"""SBX, SB3's algorithms in JAX, as rl_zoo3 algorithms ``sbx_sac`` and so on, where it is installed."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any, cast
+
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
+from rl_zoo3.utils import ALGOS
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+PREFIX = "sbx_"
+CLASSES = {"sac": "SAC", "td3": "TD3", "tqc": "TQC", "crossq": "CrossQ", "ppo": "PPO"}
+#: of torch.nn, by their names in jax.nn
+ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "ELU": "elu", "LeakyReLU": "leaky_relu"}
+
+
+class LazyAlgorithm:
+    """
+    Imports an algorithm when it is first used: JAX takes seconds, and most runs do without.
+
+    :param name: of the class in ``sbx``
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def _load(self) -> type[BaseAlgorithm]:
+        return cast("type[BaseAlgorithm]", getattr(importlib.import_module("sbx"), self._name))
+
+    def __call__(self, *args: Any, **kwargs: Any) -> BaseAlgorithm:
+        return self._load()(*args, **kwargs)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._load(), name)
+
+
+def translated(function: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+    """
+    :param function: gives hyperparameters of an algorithm of SB3
+    :return: gives those of its namesake, whose activation functions are JAX's
+    """
+
+    @functools.wraps(function)
+    def translate(*args: Any, **kwargs: Any) -> dict[str, Any]:
+        hyperparams = function(*args, **kwargs)
+        policy_kwargs = hyperparams.get("policy_kwargs", {})
+        if "activation_fn" in policy_kwargs:
+            name = ACTIVATIONS[policy_kwargs["activation_fn"].__name__]
+            policy_kwargs["activation_fn"] = getattr(importlib.import_module("jax.nn"), name)
+        return hyperparams
+
+    return translate
+
+
+def register_sbx() -> None:
+    """Make the algorithms known to rl_zoo3, if they are installed; they are tuned as their namesakes in SB3."""
+    if find_spec("sbx") is None:
+        return
+    for algo, name in CLASSES.items():
+        ALGOS[PREFIX + algo] = cast("type[BaseAlgorithm]", LazyAlgorithm(name))
+        if algo in HYPERPARAMS_SAMPLER:
+            HYPERPARAMS_SAMPLER[PREFIX + algo] = translated(HYPERPARAMS_SAMPLER[algo])
+            HYPERPARAMS_CONVERTER[PREFIX + algo] = translated(HYPERPARAMS_CONVERTER[algo])

@@ -1,0 +1,116 @@
+"""Every algorithm of SB3, sb3-contrib and sbx runs the loop unmodified."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch as th
+from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from helpers import imagination_env, small_callback
+from sb3_hucrl.parameters import Parameters
+from sb3_hucrl.state import get_state
+
+OFF_POLICY: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "learning_starts": 40}
+ON_POLICY: dict[str, Any] = {"n_steps": 10}
+SMALL: dict[str, Any] = {"policy_kwargs": {"net_arch": [16]}}
+
+ALGORITHMS: dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]] = {
+    "sac": (SAC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "td3": (TD3, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "ddpg": (DDPG, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "tqc": (TQC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "crossq": (CrossQ, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "ppo": (PPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20, "n_epochs": 2}),
+    "a2c": (A2C, "MlpPolicy", {**ON_POLICY, **SMALL}),
+    "trpo": (TRPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20}),
+    "ppo_lstm": (RecurrentPPO, "MlpLstmPolicy", {**ON_POLICY, "policy_kwargs": {"lstm_hidden_size": 8}}),
+    "ars": (ARS, "LinearPolicy", {"n_delta": 2}),
+}
+
+
+def sbx_algorithms() -> dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]]:
+    """Those of sbx, where it is installed."""
+    try:
+        import sbx
+    except ImportError:
+        return {}
+    off_policy = {**OFF_POLICY, **SMALL}
+    return {
+        "sbx_sac": (sbx.SAC, "MlpPolicy", off_policy),
+        "sbx_td3": (sbx.TD3, "MlpPolicy", off_policy),
+        "sbx_tqc": (sbx.TQC, "MlpPolicy", off_policy),
+        "sbx_crossq": (sbx.CrossQ, "MlpPolicy", off_policy),
+        "sbx_ppo": (sbx.PPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20, "n_epochs": 2}),
+    }
+
+
+ALL = {**ALGORITHMS, **sbx_algorithms()}
+
+
+def make(name: str, **kwargs: Any) -> BaseAlgorithm:
+    algorithm, policy, settings = ALL[name]
+    # rl_zoo3 gives ARS one environment, whatever the YAML says.
+    env = imagination_env(1 if name == "ars" else 4)
+    # SB3 writes into the dictionaries that it is given.
+    return algorithm(policy, env, seed=0, device="cpu", **copy.deepcopy({**settings, **kwargs}))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> None:
+    model = make(name)
+    model.learn(240, callback=small_callback())
+    state = get_state(model)
+    assert state is not None
+    # A random episode and one after each search; every refit saw all that came before it.
+    assert state.real_episodes >= 3
+    assert state.fitted_steps == len(state.dataset) == state.real_episodes * 400
+    model.save(tmp_path / "model")
+    loaded = type(model).load(tmp_path / "model", env=imagination_env(1 if name == "ars" else 4), device="cpu")
+    observations = np.array([[0.0, -1.0, 0.5], [1.0, 0.0, -2.0]], dtype=np.float32)
+    expected, _ = model.predict(observations, deterministic=True)
+    actual, _ = loaded.predict(observations, deterministic=True)
+    assert expected.shape == (2, 3)
+    np.testing.assert_allclose(actual, expected, rtol=1e-5, atol=1e-6)
+    episodes = state.real_episodes
+    loaded.learn(80, callback=small_callback())
+    resumed = get_state(loaded)
+    assert resumed is not None
+    assert resumed.real_episodes > episodes
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_parameters_give_back_the_policy_that_was_found(name: str) -> None:
+    observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
+    model = make(name)
+    model.learn(80, callback=small_callback())
+    found = Parameters.of(model)
+    before, _ = model.predict(observations, deterministic=True)
+    state = get_state(model)
+    assert state is not None
+    state.best = None  # or training may end with this very policy
+    model.learn(160, callback=small_callback())
+    changed, _ = model.predict(observations, deterministic=True)
+    assert np.abs(changed - before).max() > 1e-4
+    found.restore(model)
+    after, _ = model.predict(observations, deterministic=True)
+    np.testing.assert_allclose(after, before, rtol=1e-5, atol=1e-6)
+
+
+def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:
+    model = make("ars", delta_std=1e-6, learning_rate=0.0, zero_policy=False)
+    assert isinstance(model, ARS)
+    found = Parameters.of(model)
+    model.learn(80, callback=small_callback())
+    with th.no_grad():
+        next(model.policy.parameters()).add_(1.0)
+    found.restore(model)
+    before = next(model.policy.parameters()).detach().clone()
+    model.learn(80, callback=small_callback())
+    np.testing.assert_allclose(next(model.policy.parameters()).detach().numpy(), before.numpy(), atol=1e-5)

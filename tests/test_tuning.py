@@ -1,0 +1,114 @@
+"""``rl_zoo3 train -optimize``: our settings beside the algorithm's, judged on the real environment."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import optuna
+import pytest
+import yaml
+from optuna.trial import TrialState
+
+from helpers import ENV_ID
+from sb3_hucrl.zoo.tuning import CALLBACK, apply, callback_settings, suggest, use_trial, with_settings
+from test_zoo import CALLBACK as SHORT
+from test_zoo import TRAIN, ZOO, run
+
+EXPLODING = '''
+import itertools
+from sb3_hucrl.tasks import PendulumTask
+
+instances = itertools.count()
+
+class ExplodingTask(PendulumTask):
+    """The first one built has an infinite reward."""
+
+    def __init__(self):
+        super().__init__()
+        self.explodes = next(instances) == 0
+
+    def reward(self, state, action, next_state):
+        reward = super().reward(state, action, next_state)
+        return reward + float("inf") if self.explodes else reward
+'''
+
+
+def drawn(settings: dict[str, Any], env_id: str = ENV_ID) -> dict[str, Any]:
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+    trial = study.ask()
+    suggest(trial, settings, gym.spec(env_id), 10_000)
+    return trial.params
+
+
+def test_our_settings_are_drawn_and_put_where_they_belong() -> None:
+    settings = {"exploration_kwargs": {"uncertainty": "predictive"}, "dynamics_kwargs": {"net_arch": [8]}, "horizon": 3}
+    params = drawn(settings)
+    tuned = apply(settings, {**params, "tau": 0.5})
+    assert tuned["exploration_kwargs"] == {"uncertainty": "predictive", "beta": params["hucrl_beta"]}
+    assert tuned["dynamics_kwargs"]["net_arch"] == [8]
+    assert tuned["dynamics_kwargs"]["num_members"] == params["hucrl_num_members"]
+    assert tuned["dynamics_kwargs"]["learning_rate"] == params["hucrl_dynamics_learning_rate"]
+    assert 10 <= tuned["horizon"] == params["hucrl_horizon"] <= 400
+    assert 500 <= tuned["imagined_steps"] <= 5_000
+    assert set(tuned["start_states"]) == {"initial", "visited", "inflated", "exploratory"}
+    assert "tau" not in tuned
+    assert settings["horizon"] == 3
+
+
+def test_what_a_setting_does_not_have_is_not_tuned() -> None:
+    params = drawn({"exploration": "greedy", "dynamics": "sparse_gp"}, "HUCRL-CartPole-v0")
+    assert set(params) == {
+        *("hucrl_horizon", "hucrl_imagined_steps"),
+        *("hucrl_start_initial", "hucrl_start_visited", "hucrl_start_inflated"),
+    }
+
+
+@pytest.mark.parametrize("entry", [CALLBACK, {CALLBACK: {"horizon": 5}}, ["other.Callback", {CALLBACK: None}]])
+def test_our_callback_is_found_however_the_yaml_names_it(entry: Any) -> None:
+    assert callback_settings(entry) is not None
+    changed = with_settings(entry, {"horizon": 7})
+    assert callback_settings(changed) == {"horizon": 7}
+    assert ("other.Callback" in changed) == isinstance(entry, list)
+
+
+def test_a_configuration_without_our_callback_stays_as_it_is() -> None:
+    assert callback_settings(["other.Callback"]) is None
+    hyperparams = {"callback": None, "gamma": 0.9}
+    use_trial(hyperparams)
+    assert hyperparams == {"callback": None, "gamma": 0.9}
+
+
+def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Path) -> None:
+    (tmp_path / "exploding.py").write_text(EXPLODING)
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    study_options = ["-n", "640", "--storage", "study.log", "--study-name", "pendulum"]
+    optimize = ["-optimize", "--n-jobs", "2", "--no-optim-plots", "--n-startup-trials", "9", "--eval-episodes", "1"]
+    exploding = ["-params", "n_envs:4", f"callback:[{{'{CALLBACK}': {SHORT | {'task': 'exploding.ExplodingTask'}}}}]"]
+    for trials in ("3", "1"):
+        command = [ZOO, *TRAIN, *study_options, *optimize, "--n-trials", trials, *exploding]
+        run(*command, cwd=tmp_path, PYTHONPATH=path)
+    backend = optuna.storages.journal.JournalFileBackend(str(tmp_path / "study.log"))
+    study = optuna.load_study(study_name="pendulum", storage=optuna.storages.JournalStorage(backend))
+    states = [trial.state for trial in study.trials]
+    # Each process has its own first task, which explodes.
+    assert states.count(TrialState.PRUNED) == 2
+    assert states.count(TrialState.COMPLETE) == 2
+    finished = [trial for trial in study.trials if trial.state == TrialState.COMPLETE]
+    for trial in finished:
+        # A random episode, and at least one search; a search is rounded up to whole rollouts.
+        most = 1 + -(-640 // trial.params["hucrl_imagined_steps"])
+        assert trial.user_attrs["real_steps"] in range(2 * 400, most * 400 + 1, 400)
+    number = finished[-1].number
+    run(
+        ZOO, *TRAIN, *study_options, "--trial-id", str(number), "--eval-freq", "-1", "-params", "n_envs:4", cwd=tmp_path
+    )
+    [config] = tmp_path.glob("logs/sac/*/*/config.yml")
+    found = yaml.load(config.read_text(), Loader=yaml.UnsafeLoader)
+    assert found["tau"] == finished[-1].params["tau"]
+    assert not [name for name in found if name.startswith("hucrl_")]
+    settings = callback_settings(found["callback"])
+    assert settings is not None
+    assert settings["imagined_steps"] == finished[-1].params["hucrl_imagined_steps"]
