@@ -24,7 +24,7 @@ import yaml
 from results_table import ResultsTable, real_episodes
 from tqdm import tqdm
 
-from sb3_hucrl.dynamics import DYNAMICS
+from sb3_hucrl.dynamics import DYNAMICS, NOT_LEARNED
 from sb3_hucrl.envs import ENVIRONMENTS
 
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
@@ -74,6 +74,8 @@ def command(run: Run, folder: str) -> list[str]:
         del callback["exploration_kwargs"]
     for name, value in {**chosen, "dynamics": run.dynamics}.items():
         callback[name] = {**callback.get(name, {}), **value} if isinstance(value, dict) else value
+    if run.dynamics == "truth":
+        callback["dynamics_kwargs"] = {"env": run.env}
     callback["start_states"] = START_STATES[run.start_states]
     hallucinate = callback["exploration"] == "optimistic"
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
@@ -125,7 +127,7 @@ def main() -> None:
     parser.add_argument("--algo", default="sac")
     parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
-    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
+    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS | NOT_LEARNED), default=["ensemble"])
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])

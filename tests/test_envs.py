@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import gymnasium as gym
 import mujoco
@@ -13,6 +14,7 @@ from gymnasium.envs.mujoco.half_cheetah_v5 import HalfCheetahEnv as Original
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
+from sb3_hucrl.dynamics.truth import TrueDynamics
 from sb3_hucrl.envs import ENVIRONMENTS
 from sb3_hucrl.envs.half_cheetah import HalfCheetahEnv
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv
@@ -22,6 +24,7 @@ from sb3_hucrl.tasks.arm_kinematics import hand_position
 from sb3_hucrl.tasks.pusher import BASE as PUSHER_BASE
 from sb3_hucrl.tasks.reacher import BASE as REACHER_BASE
 from sb3_hucrl.tasks.reacher import TOOL_LENGTH
+from sb3_hucrl.tasks.registry import find_task
 
 MUJOCO = [env_id for env_id in ENVIRONMENTS if "Pendulum" not in env_id]
 #: state dimensions, action dimensions, largest action, steps
@@ -73,6 +76,28 @@ def test_the_same_seed_gives_the_same_episode_and_another_does_not(env_id: str) 
 
     np.testing.assert_array_equal(episode(1), episode(1))
     assert (episode(1) != episode(2)).any()
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_goes_on_from_a_state_that_is_set(env_id: str) -> None:
+    spec = gym.spec(env_id)
+    task = find_task(spec, observation_dim=0)
+    assert task is not None
+    env, other = gym.make(env_id, hallucinate=False), gym.make(env_id, hallucinate=False)
+    env.action_space.seed(0)
+    observation, _ = env.reset(seed=0)
+    other.reset(seed=1)
+    truth = TrueDynamics(task.state_dim, 1, env=env_id)
+    truth = pickle.loads(pickle.dumps(truth))
+    for _ in range(20):
+        state = task.state(th.as_tensor(observation)[None])
+        np.testing.assert_allclose(other.get_wrapper_attr("set_state")(state[0]), observation, atol=1e-6)
+        action = env.action_space.sample()
+        observation, *_ = env.step(action)
+        np.testing.assert_allclose(other.unwrapped.step(action)[0], observation, atol=1e-4, rtol=1e-4)
+        prediction = truth.predict(state[:, : task.state_dim], th.as_tensor(action)[None])
+        expected = task.state(th.as_tensor(observation)[None])[:, : task.state_dim]
+        th.testing.assert_close(prediction.mean, expected, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("env_id", MUJOCO)

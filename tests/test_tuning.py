@@ -10,6 +10,8 @@ import gymnasium as gym
 import optuna
 import pytest
 import yaml
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from helpers import ENV_ID
@@ -90,8 +92,8 @@ def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Pa
     for trials in ("3", "1"):
         command = [ZOO, *TRAIN, *study_options, *optimize, "--n-trials", trials, *exploding]
         run(*command, cwd=tmp_path, PYTHONPATH=path)
-    backend = optuna.storages.journal.JournalFileBackend(str(tmp_path / "study.log"))
-    study = optuna.load_study(study_name="pendulum", storage=optuna.storages.JournalStorage(backend))
+    storage = JournalStorage(JournalFileBackend(str(tmp_path / "study.log")))
+    study = optuna.load_study(study_name="pendulum", storage=storage)
     states = [trial.state for trial in study.trials]
     # Each process has its own first task, which explodes.
     assert states.count(TrialState.PRUNED) == 2

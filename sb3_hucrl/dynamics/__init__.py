@@ -13,6 +13,7 @@ from sb3_hucrl.dynamics.ensemble import DeterministicEnsemble, ProbabilisticEnse
 
 __all__ = [
     "DYNAMICS",
+    "NOT_LEARNED",
     "DeterministicEnsemble",
     "DynamicsModel",
     "FitReport",
@@ -32,15 +33,18 @@ DYNAMICS = {
     "rff": "sb3_hucrl.dynamics.features:RandomFourierModel",
     "qff": "sb3_hucrl.dynamics.features:QuadratureFourierModel",
 }
+#: what is no model at all, and takes a model's place to find out what a search can do
+NOT_LEARNED = {"truth": "sb3_hucrl.dynamics.truth:TrueDynamics"}
 
 
 def require_known(name: str) -> None:
     """
     :param name: of a model
-    :raises ValueError: unless it is a key of :data:`DYNAMICS`
+    :raises ValueError: unless it is a key of :data:`DYNAMICS` or :data:`NOT_LEARNED`
     """
-    if name not in DYNAMICS:
-        raise ValueError(f"unknown dynamics {name!r}: choose one of {sorted(DYNAMICS)}")
+    known = DYNAMICS | NOT_LEARNED
+    if name not in known:
+        raise ValueError(f"unknown dynamics {name!r}: choose one of {sorted(known)}")
 
 
 def make_dynamics(
@@ -54,7 +58,7 @@ def make_dynamics(
     """
     Build a model by its name.
 
-    :param name: a key of :data:`DYNAMICS`
+    :param name: a key of :data:`DYNAMICS` or :data:`NOT_LEARNED`
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
     :param angle_dims: indices of the state's angles
@@ -63,7 +67,7 @@ def make_dynamics(
     :raises ValueError: if the name is unknown
     """
     require_known(name)
-    model: DynamicsModel = pkgutil.resolve_name(DYNAMICS[name])(
+    model: DynamicsModel = pkgutil.resolve_name((DYNAMICS | NOT_LEARNED)[name])(
         state_dim, action_dim, angle_dims, generator=generator, **kwargs
     )
     return model

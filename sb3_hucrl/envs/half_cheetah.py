@@ -48,6 +48,9 @@ class HalfCheetahEnv(MujocoTaskEnv):
         self.data.qpos[:] += self.np_random.uniform(-0.1, 0.1, self.model.nq)
         self.data.qvel[:] = 0.1 * self.np_random.standard_normal(self.model.nv)
 
+    def _place(self, state: npt.NDArray[np.float64]) -> None:
+        self.data.qpos[1:], self.data.qvel[:] = state[:8], state[8:]
+
     def _observation(self) -> npt.NDArray[np.float64]:
         height, *angles = self.data.qpos[1:]
         return np.concatenate([np.sin(angles), np.cos(angles), [height], self.data.qvel])

@@ -95,6 +95,22 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
         self._render_human()
         return self._observation().astype(np.float32), {}
 
+    def set_state(self, state: npt.ArrayLike) -> Array:
+        """
+        Put the robot anywhere, to look at it or to ask what happens next. What is not observed is at rest.
+
+        :param state: as in the environment's task, with its context or without
+        :return: the observation
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self._place(np.asarray(state, dtype=np.float64))
+        mujoco.mj_forward(self.model, self.data)
+        return self._observation().astype(np.float32)
+
+    def _place(self, state: npt.NDArray[np.float64]) -> None:
+        """Write a state into ``data``; by default it is all joints' positions, then their velocities."""
+        self.data.qpos[:], self.data.qvel[:] = np.split(state, [self.model.nq])
+
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         applied = np.clip(action.astype(np.float64), self._low, self._high)
         self.data.ctrl[:] = applied

@@ -89,6 +89,17 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
         self._render_human()
         return self._observation(), {}
 
+    def set_state(self, state: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """
+        Put the pendulum anywhere, to look at it or to ask what happens next.
+
+        :param state: (θ, ω) as in its task
+        :return: the observation
+        """
+        self.theta, self.omega = (float(value) for value in np.asarray(state))
+        self.torque = 0.0
+        return self._observation()
+
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]:

@@ -42,6 +42,12 @@ class PusherEnv(MujocoTaskEnv):
         self.data.qvel[:7] = self.np_random.uniform(-0.005, 0.005, 7)
         self.data.qpos[7:9] = self.np_random.normal(OBJECT_MEAN, OBJECT_STD)
 
+    def _place(self, state: npt.NDArray[np.float64]) -> None:
+        self.data.qpos[:7], self.data.qvel[:7] = state[:7], state[7:14]
+        # The sliders move the object along y and x, from where the robot's description has it.
+        x, y, _ = state[14:17] - self.model.body("object").pos
+        self.data.qpos[7:9] = y, x
+
     def _observation(self) -> npt.NDArray[np.float64]:
         angles = self.data.qpos[:7]
         places = (self.data.body("object").xpos, self.data.body("goal").xpos)

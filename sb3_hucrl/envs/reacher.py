@@ -37,8 +37,16 @@ class ReacherEnv(MujocoTaskEnv):
         self.goal = np.array(GOAL_MEAN)
 
     def _reset_state(self) -> None:
-        self.goal = self.np_random.normal(GOAL_MEAN, GOAL_STD)
-        self.model.site("goal").pos = self.goal
+        self._set_goal(self.np_random.normal(GOAL_MEAN, GOAL_STD))
+
+    def _set_goal(self, goal: npt.NDArray[np.float64]) -> None:
+        self.goal = goal
+        self.model.site("goal").pos = goal
+
+    def _place(self, state: npt.NDArray[np.float64]) -> None:
+        super()._place(state[:14])
+        if len(state) > 14:
+            self._set_goal(state[14:])
 
     def _observation(self) -> npt.NDArray[np.float64]:
         qpos = self.data.qpos

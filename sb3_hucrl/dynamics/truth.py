@@ -1,0 +1,86 @@
+"""The environment's own dynamics in a model's place, to tell a failing policy search from a failing model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol, cast
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+import torch as th
+
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction
+from sb3_hucrl.dynamics.calibration import Calibration
+from sb3_hucrl.tasks.registry import find_task
+
+
+class SettableEnv(Protocol):
+    """What all environments of this package can do."""
+
+    def set_state(self, state: npt.ArrayLike) -> npt.NDArray[np.float32]: ...
+
+    def step(
+        self, action: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]: ...
+
+
+class TrueDynamics(DynamicsModel):
+    """
+    Predicts by stepping a real environment, without any uncertainty; there is nothing to fit.
+
+    A policy search that fails on it needs other hyperparameters, not a better model. It is not differentiable, and
+    takes one step of the environment after another.
+
+    :param state_dim: p
+    :param action_dim: q, without the hallucinated dimensions
+    :param angle_dims: not needed
+    :param env: id of an environment of this package
+    :param generator: not needed
+    :raises ValueError: if the environment has no ``set_state``, or another state
+    """
+
+    def __init__(
+        self,
+        state_dim: int,
+        action_dim: int,
+        angle_dims: Sequence[int] = (),
+        env: str = "",
+        generator: th.Generator | None = None,
+    ) -> None:
+        super().__init__(state_dim, action_dim)
+        if not env:
+            raise ValueError("dynamics 'truth' needs the environment: dynamics_kwargs: {env: HUCRL-Pendulum-v0}")
+        self.env_id = env
+        self._make()
+
+    def _make(self) -> None:
+        made = gym.make(self.env_id)
+        self._env = cast("SettableEnv", made.unwrapped)
+        task = find_task(made.spec, observation_dim=0)
+        if task is None or not hasattr(made.unwrapped, "set_state"):
+            raise ValueError(f"{self.env_id} is no environment of this package: its state cannot be set")
+        if task.state_dim != self.state_dim:
+            raise ValueError(f"{self.env_id} has {task.state_dim} state dimensions, the model {self.state_dim}")
+        self._task = task
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_env", "_task")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._make()
+
+    def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
+        perfect = Calibration.measure(th.zeros(1, self.state_dim), th.ones(1, self.state_dim), th.ones(self.state_dim))
+        return FitReport(train_loss=0.0, num_train=len(dataset.train), holdout_nll=float("nan"), calibration=perfect)
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+        rows = []
+        for each, act in zip(state.numpy(force=True), action.numpy(force=True), strict=True):
+            self._env.set_state(each)
+            rows.append(self._env.step(act)[0])
+        observations = th.as_tensor(np.stack(rows), device=state.device)
+        mean = self._task.state(observations)[:, : self.state_dim]
+        return Prediction(mean, th.zeros_like(mean), th.zeros_like(mean))
