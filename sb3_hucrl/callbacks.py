@@ -23,7 +23,7 @@ from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.report import record_fit
-from sb3_hucrl.rollout import collect_episode
+from sb3_hucrl.rollout import collect_episode, imagine_episode
 from sb3_hucrl.selection import choose_policy, imagined_return
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 from sb3_hucrl.stack import find_imagination, restart_trajectories
@@ -279,17 +279,23 @@ class HUCRLCallback(BaseCallback):
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
+            promise = imagine_episode(
+                self._from_real_starts(1), policy_actor(self.model, deterministic), self._action_dim
+            )
+            self._state.imagined_episodes.append(promise)
             act = one_by_one(policy_actor(self.model, deterministic))
             self._append(collect_episode(self._real_env, act, self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
 
-    def _mode_return(self) -> float:
-        """Of the policy's mode, from real start states, on what the search imagined."""
+    def _from_real_starts(self, num_envs: int) -> Imagination:
+        """Trajectories of what the search imagined, from where real episodes begin."""
         starts = StartStates(self._state.dataset, self._task, {"initial": 1.0})
-        imagination = Imagination(
-            self._search_model, self.strategy, self._task, starts, self._horizon, JUDGED, self._action_box, seed=0
+        return Imagination(
+            self._search_model, self.strategy, self._task, starts, self._horizon, num_envs, self._action_box, seed=0
         )
-        return imagined_return(imagination, policy_actor(self.model, deterministic=True))
+
+    def _mode_return(self) -> float:
+        return imagined_return(self._from_real_starts(JUDGED), policy_actor(self.model, deterministic=True))
 
     def _append(self, episode: Transitions) -> None:
         self._state.dataset.append_episode(episode)

@@ -120,6 +120,11 @@ class Imagination:
         return (low - margin).to(self._device), (high + margin).to(self._device)
 
     @property
+    def states(self) -> th.Tensor:
+        """Where the trajectories are now, shape (B, p + c)."""
+        return self._states
+
+    @property
     def epistemic_std(self) -> float:
         """Mean epistemic standard deviation over all imagined steps and state dimensions so far."""
         return float(self._epistemic_sum.mean()) / max(1, self._num_steps)

@@ -1,4 +1,4 @@
-"""Real episodes, one at a time, through the environments that the SB3 algorithm already holds."""
+"""Episodes one at a time: real ones, in the environments that the SB3 algorithm already holds, and imagined ones."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy.typing as npt
 import torch as th
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_hucrl.actors import Actor, Array
+from sb3_hucrl.actors import Actor, Array, BatchActor
 from sb3_hucrl.data import Transitions
+from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.tasks.base import Task
 
 
@@ -48,6 +49,33 @@ def collect_episode(venv: VecEnv, act: Actor, task: Task, action_dim: int) -> Tr
         rewards=returned,
         terminated=ends,
     )
+
+
+def imagine_episode(imagination: Imagination, act: BatchActor, action_dim: int) -> Transitions:
+    """
+    What :func:`collect_episode` is in reality.
+
+    :param imagination: one trajectory; it is begun afresh
+    :param act: chooses the actions
+    :param action_dim: q; what follows in an action is hallucinated and not stored
+    :return: the trajectory's transitions up to its end, in order
+    """
+    observations, first = imagination.reset(), np.ones(1, dtype=np.bool_)
+    states, actions, rewards = [imagination.states], [], []
+    done = terminated = False
+    while not done:
+        action = act(observations, first)
+        step = imagination.step(action)
+        terminated = bool(step.terminated[0])
+        done = terminated or bool(step.truncated[0])
+        observations, first = step.observations, np.zeros_like(first)
+        states.append(imagination.states)
+        actions.append(th.as_tensor(action[:, :action_dim], dtype=th.float32))
+        rewards.append(th.as_tensor(step.rewards))
+    visited = th.cat(states).cpu()
+    ends = th.zeros(len(actions), dtype=th.bool)
+    ends[-1] = terminated
+    return Transitions(visited[:-1], th.cat(actions), visited[1:], th.cat(rewards), ends)
 
 
 def _finite(name: str, value: npt.ArrayLike, step: int) -> npt.NDArray[np.floating]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics.base import DynamicsModel
 from sb3_hucrl.parameters import Parameters
 
@@ -28,6 +28,7 @@ class HUCRLState:
     :param real_episodes: number of real episodes so far
     :param last_return: return of the latest of them
     :param fitted_steps: number of real steps that the dynamics model was last fitted to
+    :param imagined_episodes: what the model promised before each real episode but the random ones, by the same policy
     :param best: the policy that the latest model promises most of, once training plays the best one
     """
 
@@ -37,6 +38,7 @@ class HUCRLState:
     real_episodes: int = 0
     last_return: float = float("nan")
     fitted_steps: int = 0
+    imagined_episodes: list[Transitions] = field(default_factory=list)
     best: Parameters | None = None
 
     def __getstate__(self) -> dict[str, Any]:

@@ -70,6 +70,19 @@ def test_real_episodes_sample_the_policy_first_and_play_its_mode_later(fraction:
     assert played == expected
 
 
+def test_what_is_imagined_comes_true_where_the_model_is_the_truth() -> None:
+    model = small_sac()
+    model.learn(160, callback=HUCRLCallback(dynamics="truth", dynamics_kwargs={"env": ENV_ID}, imagined_steps=80))
+    state = state_of(model)
+    assert len(state.imagined_episodes) == 2
+    # The last episode plays the mode, from where every episode begins.
+    imagined, real = state.imagined_episodes[-1], state.dataset.transitions[th.arange(800, 1200)]
+    assert len(imagined) == len(real) == 400
+    th.testing.assert_close(imagined.actions, real.actions, atol=1e-3, rtol=1e-3)
+    th.testing.assert_close(imagined.states.cos(), real.states.cos(), atol=1e-3, rtol=1e-3)
+    th.testing.assert_close(imagined.rewards, real.rewards, atol=1e-3, rtol=1e-3)
+
+
 def test_monitor_and_progress_files_hold_the_real_episodes_in_order(tmp_path: Path) -> None:
     env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, monitor_dir=str(tmp_path)))
     small_sac(env).learn(160, callback=small_callback(log_dir=str(tmp_path), start_states={"initial": 1}))

@@ -1,0 +1,103 @@
+"""A finished or running training of rl_zoo3, read back from its folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pandas as pd
+import yaml
+from rl_zoo3.utils import ALGOS
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
+from sb3_hucrl.callbacks import HUCRLCallback
+from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.state import HUCRLState, get_state
+from sb3_hucrl.tasks import Task, resolve_task
+from sb3_hucrl.wrappers.learned_model import LearnedModelEnv
+from sb3_hucrl.zoo.tuning import callback_settings
+
+
+@dataclass(frozen=True)
+class ZooRun:
+    """
+    :param folder: of the run, such as ``logs/sac/HUCRL-Pendulum-v0_1``
+    :raises ValueError: if it is no folder of such a run
+    """
+
+    folder: Path
+
+    def __post_init__(self) -> None:
+        if not (self.folder / "progress.csv").is_file():
+            raise ValueError(
+                f"{self.folder} has no progress.csv: give the folder of a run, such as logs/sac/HUCRL-Pendulum-v0_1"
+            )
+
+    @cached_property
+    def _settings(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        # rl_zoo3 writes ordered dictionaries, with Python's own tags.
+        [folder] = [path.parent for path in self.folder.glob("*/config.yml")]
+        texts = [(folder / name).read_text() for name in ("args.yml", "config.yml")]
+        args, config = (dict(yaml.load(text, Loader=yaml.UnsafeLoader)) for text in texts)
+        return args, config
+
+    @property
+    def env_id(self) -> str:
+        """Of the environment."""
+        return str(self._settings[0]["env"])
+
+    @cached_property
+    def progress(self) -> pd.DataFrame:
+        """What was logged, one row for each real episode."""
+        rows = pd.read_csv(self.folder / "progress.csv")
+        return rows.dropna(subset=["real/episode"]).set_index("real/episode")
+
+    @cached_property
+    def model(self) -> BaseAlgorithm:
+        """The final SB3 model, or the latest checkpoint of a run that goes on or was killed."""
+        args, _ = self._settings
+        names = (f"{args['env']}.zip", "checkpoint.zip")
+        paths = [self.folder / name for name in names if (self.folder / name).is_file()]
+        if not paths:
+            raise ValueError(f"{self.folder} has none of {list(names)}: no real episode has been finished")
+        return ALGOS[args["algo"]].load(paths[0], device="cpu")
+
+    @cached_property
+    def state(self) -> HUCRLState:
+        """What the run has learned."""
+        state = get_state(self.model)
+        if state is None:
+            raise ValueError(f"{self.folder} was not trained with HUCRLCallback: it has no dynamics model to look at")
+        return state
+
+    def real_env(self, **kwargs: Any) -> gym.Env[Any, Any]:
+        """
+        :param kwargs: arguments of the environment, besides those of the run
+        """
+        args, config = self._settings
+        return gym.make(self.env_id, **{**(config.get("env_kwargs") or {}), **(args["env_kwargs"] or {}), **kwargs})
+
+    def imagination(self) -> tuple[LearnedModelEnv, Task]:
+        """
+        :return: what the run imagines now, from real start states, as an environment; and its task
+        """
+        settings = callback_settings(self._settings[1].get("callback"))
+        assert settings is not None  # there is a state
+        callback = HUCRLCallback(**settings)
+        strategy = callback.strategy
+        state, real = self.state, self.real_env()
+        observations = require_vector_observation(real.observation_space)
+        task = resolve_task(callback.task, callback.task_kwargs, real.spec, observations.shape[0])
+        model = strategy.begin_search(state.dynamics, 1, state.real_episodes, state.generator)
+        starts = StartStates(state.dataset, task, {"initial": 1.0})
+        assert real.spec is not None
+        assert real.spec.max_episode_steps is not None  # the callback asked for both
+        horizon = callback.horizon or real.spec.max_episode_steps
+        box, q = require_bounded_box(real.action_space), state.dataset.action_dim
+        actions = gym.spaces.Box(box.low[:q], box.high[:q])
+        return LearnedModelEnv(model, strategy, task, horizon, starts, observations, actions), task
