@@ -1,0 +1,97 @@
+"""
+Kills a short training at random moments, resumes it with the same command each time, and checks that nothing which was
+in a checkpoint is ever lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import torch as th
+from stable_baselines3 import SAC
+from tqdm import trange
+
+from sb3_hucrl.state import HUCRLState, get_state
+
+ENV_ID = "HUCRL-Pendulum-v0"
+#: seconds until the first checkpoint must be there
+PATIENCE = 120.0
+CALLBACK = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
+#: long enough to be killed, whatever the machine
+COMMAND = [
+    *(sys.executable, "-m", "rl_zoo3.train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000", "--eval-freq", "-1"),
+    *("--gym-packages", "sb3_hucrl.zoo", "--num-threads", "1"),
+    *("-params", "gradient_steps:1", "n_envs:4", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
+]
+
+
+def latest_checkpoint(folder: Path) -> Path | None:
+    """The newest one of all runs."""
+    return max(folder.glob("logs/sac/*/checkpoint.zip"), key=lambda path: path.stat().st_mtime_ns, default=None)
+
+
+def load(path: Path) -> HUCRLState:
+    """
+    :param path: of a checkpoint
+    :raises AssertionError: if its counters contradict each other
+    """
+    state = get_state(SAC.load(path, device="cpu"))
+    assert state is not None, path
+    assert state.real_episodes == len(state.dataset.lengths), path
+    assert sum(state.dataset.lengths) == len(state.dataset), path
+    assert state.fitted_steps <= len(state.dataset), path
+    return state
+
+
+def run_and_kill(folder: Path, seconds: float, had: Path | None) -> None:
+    """Start or resume, wait for a new checkpoint and then a random while, and kill."""
+    resume = [] if had is None else ["-i", str(had)]
+    with (folder / "output.txt").open("w") as output:
+        process = subprocess.Popen([*COMMAND, *resume], cwd=folder, stdout=output, stderr=subprocess.STDOUT)
+        try:
+            deadline = time.monotonic() + PATIENCE
+            while latest_checkpoint(folder) == had:
+                if process.poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError(f"no new checkpoint:\n{(folder / 'output.txt').read_text()}")
+                time.sleep(0.05)
+            time.sleep(seconds)
+        finally:
+            process.kill()
+            process.wait()
+
+
+def main() -> None:
+    """Kill, resume, check; any loss is an AssertionError."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    rng = random.Random(args.seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        before: HUCRLState | None = None
+        for _ in trange(args.kills, unit="kill", disable=None):
+            run_and_kill(folder, rng.uniform(0.0, 3.0), latest_checkpoint(folder))
+            for path in folder.glob("logs/**/*.zip"):
+                load(path)
+            newest = latest_checkpoint(folder)
+            assert newest is not None
+            after = load(newest)
+            if before is not None:
+                kept = len(before.dataset)
+                assert after.real_episodes > before.real_episodes
+                assert th.equal(after.dataset.transitions.states[:kept], before.dataset.transitions.states)
+                assert th.equal(after.dataset.transitions.actions[:kept], before.dataset.transitions.actions)
+            before = after
+    assert before is not None
+    print(f"{args.kills} kills: {before.real_episodes} real episodes, {len(before.dataset):,} real steps, nothing lost")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""Interrupted trainings lose no real step, and long ones no memory."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch as th
+from stable_baselines3 import SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from helpers import ENV_ID, imagination_env, small_callback, small_sac
+from sb3_hucrl import TransitionDataset
+from sb3_hucrl.checkpoint import save_atomically
+from sb3_hucrl.dynamics import FitReport, ProbabilisticEnsemble
+from sb3_hucrl.state import HUCRLState, get_state
+
+ROOT = Path(__file__).parents[1]
+
+
+def state_of(model: BaseAlgorithm) -> HUCRLState:
+    state = get_state(model)
+    assert state is not None
+    return state
+
+
+def test_killed_trainings_go_on_where_their_checkpoint_was() -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "kill_and_resume.py"), "--kills", "3"]
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    assert "nothing lost" in process.stdout
+
+
+def test_a_polite_end_saves_what_was_learned(tmp_path: Path) -> None:
+    callback = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
+    command = [
+        *(sys.executable, "-m", "sb3_hucrl.zoo", "train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000"),
+        *("--eval-freq", "-1", "--num-threads", "1", "-params", "gradient_steps:1", "n_envs:4"),
+        f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {callback}}}]",
+    ]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    run, deadline = tmp_path / "logs" / "sac" / f"{ENV_ID}_1", time.monotonic() + 120
+    while not (run / "checkpoint.zip").exists():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    output, _ = process.communicate(timeout=120)
+    assert process.returncode == 0, output
+    state = state_of(SAC.load(run / f"{ENV_ID}.zip", device="cpu"))
+    assert state.real_episodes == len(state.dataset.lengths) >= 1
+
+
+class InterruptedFit(ProbabilisticEnsemble):
+    """Is interrupted in its second fit, and never again."""
+
+    fits = 0
+
+    def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
+        type(self).fits += 1
+        if self.fits == 2:
+            raise KeyboardInterrupt
+        return super().fit(dataset, generator)
+
+
+def test_an_interrupted_refit_is_made_up_for(tmp_path: Path) -> None:
+    model = small_sac()
+    checkpoint = tmp_path / "checkpoint.zip"
+    with pytest.raises(KeyboardInterrupt):
+        model.learn(240, callback=small_callback(dynamics=InterruptedFit(2, 1), checkpoint=str(checkpoint)))
+    # The episode that the fit was for is there, on disk as well.
+    loaded = SAC.load(checkpoint, env=imagination_env(), device="cpu")
+    for each in (model, loaded):
+        assert state_of(each).real_episodes == 2
+        assert state_of(each).fitted_steps == 400
+    loaded.learn(80, callback=small_callback())
+    assert state_of(loaded).real_episodes == 3
+    assert state_of(loaded).fitted_steps == 1_200
+
+
+def test_a_save_that_fails_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, path = small_sac(), tmp_path / "run" / "checkpoint.zip"
+    save_atomically(model, path)
+    before = path.read_bytes()
+
+    def half(file: object) -> None:
+        file.write(b"PK")  # type: ignore[attr-defined]  # a file
+        raise OSError("disk full")
+
+    monkeypatch.setattr(model, "save", half)
+    with pytest.raises(OSError, match="disk full"):
+        save_atomically(model, path)
+    assert path.read_bytes() == before
+
+
+def test_imagination_does_not_eat_memory() -> None:
+    def resident() -> int:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("no /proc here")
+    env = imagination_env(32)
+    model = small_sac(env, train_freq=4, buffer_size=10_000)
+    sizes = []
+    for _ in range(10):
+        model.learn(10_000, callback=small_callback(imagined_steps=5_000, horizon=100))
+        sizes.append(resident())
+    assert sizes[-1] < 1.05 * sizes[1]
