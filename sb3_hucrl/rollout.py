@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_hucrl.actors import Actor, Array, BatchActor
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.progress import progress_bar
 from sb3_hucrl.tasks.base import Task
 
 
@@ -31,13 +32,15 @@ def collect_episode(venv: VecEnv, act: Actor, task: Task, action_dim: int) -> Tr
     actions: list[Array] = []
     rewards: list[float] = []
     done = terminated = False
-    while not done:
-        action = act(observation, not actions)
-        observation, reward, terminated, truncated, _ = venv.env_method("step", action, indices=0)[0]
-        done = terminated or truncated
-        actions.append(action[:action_dim])
-        rewards.append(float(_finite("reward", reward, len(actions))))
-        observations.append(_finite("observation", observation, len(actions)))
+    with progress_bar(None, "real episode") as bar:
+        while not done:
+            action = act(observation, not actions)
+            observation, reward, terminated, truncated, _ = venv.env_method("step", action, indices=0)[0]
+            done = terminated or truncated
+            actions.append(action[:action_dim])
+            rewards.append(float(_finite("reward", reward, len(actions))))
+            observations.append(_finite("observation", observation, len(actions)))
+            bar.update()
     states = task.state(th.as_tensor(np.stack(observations), dtype=th.float32))
     ends = th.zeros(len(actions), dtype=th.bool)
     ends[-1] = terminated

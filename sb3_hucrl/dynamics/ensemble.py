@@ -12,6 +12,7 @@ import torch as th
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments
 from sb3_hucrl.dynamics.networks import BatchedNetworks
+from sb3_hucrl.progress import progress_bar
 
 # Bounds of the noise variance of a standardised target: standard deviations of 0.7 % to 160 % of its own spread.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
@@ -129,12 +130,15 @@ class Ensemble(DeltaModel):
             len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
         ).to(self.device)
         losses = th.zeros(self.gradient_steps)
-        for step, batch in enumerate(batches):
-            loss = (weights[member, batch] * self._loss(self.networks(inputs[batch]), deltas[batch])).mean(dim=1).sum()
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            losses[step] = loss.detach()
+        with progress_bar(self.gradient_steps, "fit of the dynamics") as bar:
+            for step, batch in enumerate(batches):
+                residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
+                loss = (weights[member, batch] * residuals).mean(dim=1).sum()
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                losses[step] = loss.detach()
+                bar.update()
         train_loss = float(losses[-max(1, self.gradient_steps // 10) :].mean()) / self.num_members
         if not math.isfinite(train_loss):
             raise ValueError(
