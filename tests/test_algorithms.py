@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sbx
 import torch as th
 from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
@@ -32,37 +33,23 @@ ALGORITHMS: dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]] = {
     "trpo": (TRPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20}),
     "ppo_lstm": (RecurrentPPO, "MlpLstmPolicy", {**ON_POLICY, "policy_kwargs": {"lstm_hidden_size": 8}}),
     "ars": (ARS, "LinearPolicy", {"n_delta": 2}),
+    "sbx_sac": (sbx.SAC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "sbx_td3": (sbx.TD3, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "sbx_tqc": (sbx.TQC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "sbx_crossq": (sbx.CrossQ, "MlpPolicy", {**OFF_POLICY, **SMALL}),
+    "sbx_ppo": (sbx.PPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20, "n_epochs": 2}),
 }
 
 
-def sbx_algorithms() -> dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]]:
-    """Those of sbx, where it is installed."""
-    try:
-        import sbx
-    except ImportError:
-        return {}
-    off_policy = {**OFF_POLICY, **SMALL}
-    return {
-        "sbx_sac": (sbx.SAC, "MlpPolicy", off_policy),
-        "sbx_td3": (sbx.TD3, "MlpPolicy", off_policy),
-        "sbx_tqc": (sbx.TQC, "MlpPolicy", off_policy),
-        "sbx_crossq": (sbx.CrossQ, "MlpPolicy", off_policy),
-        "sbx_ppo": (sbx.PPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20, "n_epochs": 2}),
-    }
-
-
-ALL = {**ALGORITHMS, **sbx_algorithms()}
-
-
 def make(name: str, **kwargs: Any) -> BaseAlgorithm:
-    algorithm, policy, settings = ALL[name]
+    algorithm, policy, settings = ALGORITHMS[name]
     # rl_zoo3 gives ARS one environment, whatever the YAML says.
     env = imagination_env(1 if name == "ars" else 4)
     # SB3 writes into the dictionaries that it is given.
     return algorithm(policy, env, seed=0, device="cpu", **copy.deepcopy({**settings, **kwargs}))
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ALGORITHMS)
 def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> None:
     model = make(name)
     model.learn(240, callback=small_callback())
@@ -85,7 +72,7 @@ def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> No
     assert resumed.real_episodes > episodes
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ALGORITHMS)
 def test_parameters_give_back_the_policy_that_was_found(name: str) -> None:
     observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
     model = make(name)
