@@ -1,4 +1,4 @@
-"""Returns of a random and of a zero policy on environments of this package, to compare learning curves with."""
+"""Returns of a random and of a zero policy, to compare learning curves with."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def returns(env_id: str, policy: str, episodes: int, seed: int) -> list[float]:
 def main() -> None:
     """Play, write the CSV, and print it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--envs", nargs="+", default=list(ENVIRONMENTS))
+    parser.add_argument("--envs", nargs="+", default=list(ENVIRONMENTS), help="by default all of this package")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, default=Path("results/baselines.csv"))
