@@ -124,7 +124,7 @@ def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
 def main() -> None:
     """Run what is missing, then print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--algo", default="sac")
+    parser.add_argument("--algo", nargs="+", default=["sac"])
     parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
     parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS | NOT_LEARNED), default=["ensemble"])
@@ -138,7 +138,7 @@ def main() -> None:
     args = parser.parse_args()
 
     settings = itertools.product(
-        [args.algo], [args.env], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
+        args.algo, [args.env], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
     )
     # Seed by seed, so that an interrupted benchmark has whole seeds.
     runs = sorted((Run(*setting) for setting in settings), key=lambda run: run.seed)

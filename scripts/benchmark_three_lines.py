@@ -49,11 +49,14 @@ def make_env(run: Run, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
     return HallucinationWrapper(env, observation_dim if run.task == "learned" else None)
 
 
-def train(run: Run, env_kwargs: dict[str, Any], episodes: int, imagined_steps: int) -> pd.DataFrame:
+def train(
+    run: Run, env_kwargs: dict[str, Any], episodes: int, initial_episodes: int, imagined_steps: int
+) -> pd.DataFrame:
     """
     :param run: what to train
     :param env_kwargs: of the environment
-    :param episodes: real ones, the first of them random
+    :param episodes: real ones
+    :param initial_episodes: how many of them are random
     :param imagined_steps: before each of the others
     :return: one row for each real episode
     """
@@ -71,8 +74,12 @@ def train(run: Run, env_kwargs: dict[str, Any], episodes: int, imagined_steps: i
             n_steps=4,
             seed=run.seed,
         )
-        callback = HUCRLCallback(imagined_steps=imagined_steps, task=None if run.task == "registered" else run.task)
-        model.learn((episodes - 1) * imagined_steps, callback=callback)
+        callback = HUCRLCallback(
+            task=None if run.task == "registered" else run.task,
+            imagined_steps=imagined_steps,
+            initial_episodes=initial_episodes,
+        )
+        model.learn((episodes - initial_episodes) * imagined_steps, callback=callback)
         return real_episodes(folder)
 
 
@@ -84,7 +91,8 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", choices=["registered", "learned"], default=["registered"])
     parser.add_argument("--gamma", type=float, default=0.95)
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
-    parser.add_argument("--episodes", type=int, default=10, help="real episodes, the first of them random")
+    parser.add_argument("--episodes", type=int, default=10, help="real episodes")
+    parser.add_argument("--initial-episodes", type=int, default=1, help="random ones among them")
     parser.add_argument("--imagined-steps", type=int, default=12_800, help="before each of the other episodes")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--solved", type=float, default=-250.0, help="return that counts as solved in the summary")
@@ -93,7 +101,13 @@ def main() -> None:
 
     table = ResultsTable(args.output, Run)
     runs = [Run(args.env, task, args.gamma, seed) for task, seed in product(args.tasks, args.seeds)]
-    execute = partial(train, env_kwargs=args.env_kwargs, episodes=args.episodes, imagined_steps=args.imagined_steps)
+    execute = partial(
+        train,
+        env_kwargs=args.env_kwargs,
+        episodes=args.episodes,
+        initial_episodes=args.initial_episodes,
+        imagined_steps=args.imagined_steps,
+    )
     table.fill(runs, execute, args.jobs)
     solved = table.rows[table.rows.real_return >= args.solved]
     keys = ["env", "task", "gamma", "seed"]
