@@ -26,6 +26,7 @@ from tqdm import tqdm
 
 from sb3_hucrl.dynamics import DYNAMICS, NOT_LEARNED
 from sb3_hucrl.envs import ENVIRONMENTS
+from sb3_hucrl.runs import ZooRun
 
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 #: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own
@@ -95,7 +96,9 @@ def execute(run: Run, params: list[str]) -> pd.DataFrame:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
             return pd.DataFrame()
         [path] = Path(folder).glob(f"{run.algo}/{run.env}_*/")
-        return real_episodes(str(path))
+        rows = real_episodes(str(path))
+        searches = ZooRun(path).progress["time/search_seconds"]
+        return rows.assign(search_seconds=searches.reindex(rows.episode).to_numpy().round(1))
 
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
