@@ -6,10 +6,11 @@ where real episodes begin.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import imageio.v3 as iio
 import numpy as np
 import numpy.typing as npt
@@ -33,13 +34,7 @@ def labelled(frame: Frame, text: str) -> Frame:
 def real_frames(run: ZooRun, act: Actor, seed: int) -> Iterator[tuple[Frame, float]]:
     """Frames and returns so far of one real episode."""
     env = run.real_env(render_mode="rgb_array")
-    observation, _ = env.reset(seed=seed)
-    yield _render(env), 0.0
-    total, over, first = 0.0, False, True
-    while not over:
-        observation, reward, terminated, truncated, _ = env.step(act(observation, first))
-        total, over, first = total + float(reward), terminated or truncated, False
-        yield _render(env), total
+    return _frames(env, act, seed, draw=lambda observation: _render(env))
 
 
 def imagined_frames(run: ZooRun, act: Actor, seed: int) -> Iterator[tuple[Frame, float]]:
@@ -53,11 +48,17 @@ def imagined_frames(run: ZooRun, act: Actor, seed: int) -> Iterator[tuple[Frame,
         place(task.state(th.as_tensor(observation)[None])[0])
         return _render(canvas)
 
-    observation, _ = imagination.reset(seed=seed)
+    return _frames(imagination, act, seed, draw)
+
+
+def _frames(
+    env: gym.Env[Any, Any], act: Actor, seed: int, draw: Callable[[npt.NDArray[np.float32]], Frame]
+) -> Iterator[tuple[Frame, float]]:
+    observation, _ = env.reset(seed=seed)
     yield draw(observation), 0.0
     total, over, first = 0.0, False, True
     while not over:
-        observation, reward, terminated, truncated, _ = imagination.step(act(observation, first))
+        observation, reward, terminated, truncated, _ = env.step(act(observation, first))
         total, over, first = total + float(reward), terminated or truncated, False
         yield draw(observation), total
 
