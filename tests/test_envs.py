@@ -44,6 +44,11 @@ def mujoco_env(env_id: str) -> MujocoTaskEnv:
     return env
 
 
+def test_makes_as_much_room_for_hallucination_as_is_asked_for() -> None:
+    assert gym.make("HUCRL-Pendulum-v0").action_space.shape == (3,)
+    assert gym.make("HUCRL-Pendulum-v0", hallucinated_dim=3).action_space.shape == (4,)
+
+
 @pytest.mark.parametrize("env_id", MUJOCO)
 @pytest.mark.parametrize("hallucinate", [True, False])
 def test_passes_both_env_checks(env_id: str, hallucinate: bool) -> None:
