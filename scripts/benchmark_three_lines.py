@@ -3,8 +3,9 @@ The README's three lines on any gymnasium environment, over seeds: real returns 
 
 By default the task is the registered one, and learned where there is none; ``--tasks learned`` learns it anyway.
 Environments of another package are named with it, as in ``shimmy:dm_control/cartpole-swingup-v0``, which needs
-``--env-kwargs max_episode_steps:1000`` for gymnasium to know how long its episodes are. Finished runs are appended to
-the CSV at once and skipped when the same command is given again.
+``--env-kwargs max_episode_steps:1000`` for gymnasium to know how long its episodes are. ``--hyperparams`` are SAC's,
+``--callback`` are HUCRLCallback's. Finished runs are appended to the CSV at once and skipped when the same command is
+given again.
 """
 
 from __future__ import annotations
@@ -50,36 +51,27 @@ def make_env(run: Run, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
 
 
 def train(
-    run: Run, env_kwargs: dict[str, Any], episodes: int, initial_episodes: int, imagined_steps: int
+    run: Run, env_kwargs: dict[str, Any], episodes: int, hyperparams: dict[str, Any], callback_kwargs: dict[str, Any]
 ) -> pd.DataFrame:
     """
     :param run: what to train
     :param env_kwargs: of the environment
     :param episodes: real ones
-    :param initial_episodes: how many of them are random
-    :param imagined_steps: before each of the others
+    :param hyperparams: of SAC, over those of the README
+    :param callback_kwargs: of HUCRLCallback, over those of the README
     :return: one row for each real episode
     """
     th.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         venv = make_vec_env(partial(make_env, run, env_kwargs), 32, run.seed, monitor_dir=folder)
         env = ImaginationVecEnv(venv)
-        model = SAC(
-            "MlpPolicy",
-            env,
-            learning_rate=1e-3,
-            gamma=run.gamma,
-            tau=0.02,
-            gradient_steps=4,
-            n_steps=4,
-            seed=run.seed,
-        )
-        callback = HUCRLCallback(
-            task=None if run.task == "registered" else run.task,
-            imagined_steps=imagined_steps,
-            initial_episodes=initial_episodes,
-        )
-        model.learn((episodes - initial_episodes) * imagined_steps, callback=callback)
+        settings = {"learning_rate": 1e-3, "tau": 0.02, "gradient_steps": 4, "n_steps": 4} | hyperparams
+        model = SAC("MlpPolicy", env, gamma=run.gamma, seed=run.seed, **settings)
+        imagined_steps = callback_kwargs.get("imagined_steps", 12_800)
+        searches = -((callback_kwargs.get("initial_episodes", 1) - episodes) // callback_kwargs.get("real_episodes", 1))
+        task = None if run.task == "registered" else run.task
+        callback = HUCRLCallback(task=task, **{**callback_kwargs, "imagined_steps": imagined_steps})
+        model.learn(searches * imagined_steps, callback=callback)
         return real_episodes(folder)
 
 
@@ -92,8 +84,10 @@ def main() -> None:
     parser.add_argument("--gamma", type=float, default=0.95)
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--episodes", type=int, default=10, help="real episodes")
-    parser.add_argument("--initial-episodes", type=int, default=1, help="random ones among them")
-    parser.add_argument("--imagined-steps", type=int, default=12_800, help="before each of the other episodes")
+    parser.add_argument(
+        "--hyperparams", nargs="*", action=StoreDict, default={}, help="of SAC, as in gradient_steps:16"
+    )
+    parser.add_argument("--callback", nargs="*", action=StoreDict, default={}, help="as in initial_episodes:10")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--solved", type=float, default=-250.0, help="return that counts as solved in the summary")
     parser.add_argument("--output", type=Path, default=Path("results/three_lines.csv"))
@@ -105,8 +99,8 @@ def main() -> None:
         train,
         env_kwargs=args.env_kwargs,
         episodes=args.episodes,
-        initial_episodes=args.initial_episodes,
-        imagined_steps=args.imagined_steps,
+        hyperparams=args.hyperparams,
+        callback_kwargs=args.callback,
     )
     table.fill(runs, execute, args.jobs)
     solved = table.rows[table.rows.real_return >= args.solved]
