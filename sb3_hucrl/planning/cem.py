@@ -1,0 +1,33 @@
+"""The cross-entropy method."""
+
+from __future__ import annotations
+
+from sb3_hucrl.planning.base import Particles, Proposal, ShootingPlanner
+
+
+class CEM(ShootingPlanner):
+    """
+    Cross-entropy method (Botev et al. 2013): the next proposal has the elites' mean and standard deviation.
+
+    :param num_particles: sequences per environment and iteration
+    :param num_iterations: updates of the proposal
+    :param num_elites: how many of the best sequences the update sees, at least 2
+    :param smoothing: share of the old proposal in the new one, in [0, 1)
+    :raises ValueError: if a number is out of its range, or there are more elites than particles
+    """
+
+    def __init__(
+        self, num_particles: int = 500, num_iterations: int = 5, num_elites: int = 50, smoothing: float = 0.1
+    ) -> None:
+        super().__init__(num_particles, num_iterations, num_elites)
+        if num_elites < 2:
+            raise ValueError(f"num_elites is {num_elites}: the standard deviation of elites needs 2 or more")
+        if not 0 <= smoothing < 1:
+            raise ValueError(f"smoothing is {smoothing}: give a share of at least 0 and below 1")
+        self.smoothing = smoothing
+
+    def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:
+        return Proposal(
+            mean=elites.actions.mean(dim=1).lerp(proposal.mean, self.smoothing),
+            std=elites.actions.std(dim=1).lerp(proposal.std, self.smoothing),
+        )

@@ -1,0 +1,31 @@
+"""Model-predictive path integral control."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sb3_hucrl.planning.base import Particles, Proposal, ShootingPlanner
+
+
+class MPPI(ShootingPlanner):
+    """
+    Model-predictive path integral control (Williams et al. 2016): the next mean weighs every sequence by exp(J / λ).
+
+    The standard deviation stays. Sequences are clipped to the bounds before they are averaged, so the mean keeps some
+    distance from them.
+
+    :param num_particles: sequences per environment and iteration
+    :param num_iterations: updates of the proposal
+    :param temperature: λ, in units of the return: the lower, the fewer sequences count
+    :raises ValueError: if a number is below 1, or the temperature not positive
+    """
+
+    def __init__(self, num_particles: int = 500, num_iterations: int = 5, temperature: float = 1.0) -> None:
+        super().__init__(num_particles, num_iterations, num_elites=num_particles)
+        if not temperature > 0:
+            raise ValueError(f"temperature is {temperature}: give a positive number, in units of the return")
+        self.temperature = temperature
+
+    def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:
+        weights = (elites.returns / self.temperature).softmax(dim=1)
+        return replace(proposal, mean=(weights[..., None, None] * elites.actions).sum(dim=1))
