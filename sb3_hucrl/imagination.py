@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from sb3_hucrl.dynamics.base import Prediction, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
+from sb3_hucrl.hallucinated_system import HallucinatedSystem
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.tasks.base import Task
 
@@ -67,29 +68,12 @@ class Imagination:
     ) -> None:
         if horizon < 1:
             raise ValueError(f"horizon is {horizon}: imagined trajectories need at least 1 step")
-        if model.state_dim != task.state_dim:
-            raise ValueError(
-                f"the dynamics model predicts {model.state_dim} state dimensions, {type(task).__name__} has "
-                f"{task.state_dim}: build the model with state_dim={task.state_dim}"
-            )
-        hallucinated_dim = strategy.hallucinated_dim(task.hallucinated_dim)
-        if action_space.shape[0] != model.action_dim + hallucinated_dim:
-            room = f"HallucinationWrapper(env, hallucinated_dim={hallucinated_dim})"
-            ours = f"hallucinate: true, hallucinated_dim: {hallucinated_dim}"
-            if hallucinated_dim == 0:
-                room, ours = "no HallucinationWrapper around it", "hallucinate: false"
-            raise ValueError(
-                f"the action space has {action_space.shape[0]} dimensions: {model.action_dim} of the real action, and "
-                f"{type(strategy).__name__} on {type(task).__name__} needs {hallucinated_dim} hallucinated ones: make "
-                f"the environment with {room}; if it is one of this package, with env_kwargs: {{{ours}}}"
-            )
         self.horizon = horizon
         self.num_envs = num_envs
-        self._model, self._strategy, self._task, self._starts = model, strategy, task, starts
+        self._system = HallucinatedSystem(model, strategy, task, action_space)
+        self._task, self._starts = task, starts
         self._device = model.device
         self._max_epistemic_std = max_epistemic_std
-        self._low = th.as_tensor(action_space.low, device=self._device, dtype=th.float32)
-        self._high = th.as_tensor(action_space.high, device=self._device, dtype=th.float32)
         self._states = th.empty(0)
         self._epistemic_sum = th.zeros(num_envs, task.state_dim, device=self._device)
         self._num_steps = 0
@@ -164,40 +148,24 @@ class Imagination:
         """
         if len(self._states) == 0:
             raise RuntimeError("call reset() before step()")
-        action = th.as_tensor(actions, device=self._device, dtype=th.float32).clamp(self._low, self._high)
-        real_action, hallucinated = action.tensor_split([self._model.action_dim], dim=1)
-        state = self._states
-        has_context = self._task.context_dim > 0
-        prediction = self._model.predict(state[:, : self._task.state_dim] if has_context else state, real_action)
-        next_state = self._strategy.next_state(prediction, hallucinated, self._noise_generator)
-        next_state = self._task.sample_outcomes(next_state.clamp(*self._range), self._noise_generator)
-        if has_context:
-            next_state = th.cat([next_state, state[:, self._task.state_dim :]], dim=1)
-        task_reward = self._task.reward(state, real_action, next_state)
-        bonus = self._strategy.bonus(prediction)
+        action = th.as_tensor(actions, device=self._device, dtype=th.float32)
+        stepped = self._system.step(self._states, action, self._noise_generator, plausible=self._range)
+        rewards = stepped.total_reward.cpu().numpy()
         step = ImaginedStep(
-            observations=self._task.observe(next_state).cpu().numpy(),
-            rewards=(task_reward if bonus is None else task_reward + bonus).cpu().numpy(),
-            terminated=self._task.terminated(state, real_action, next_state).cpu().numpy(),
-            truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(prediction),
+            observations=self._task.observe(stepped.next_state).cpu().numpy(),
+            rewards=rewards,
+            terminated=stepped.terminated.cpu().numpy(),
+            truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(stepped.prediction),
         )
-        self._states = self._forget_outcomes(next_state)
-        self._epistemic_sum += prediction.epistemic_std
+        self._states = self._system.forget_outcomes(stepped.next_state)
+        self._epistemic_sum += stepped.prediction.epistemic_std
         self._num_steps += 1
         self.lengths += 1
         # A bonus is the search's own affair: returns stay comparable with real ones.
-        self.returns += step.rewards if bonus is None else task_reward.cpu().numpy()
+        self.returns += rewards if stepped.bonus is None else stepped.reward.cpu().numpy()
         self._require_finite(step)
         self._note_finished(step.terminated | step.truncated)
         return step
-
-    def _forget_outcomes(self, state: th.Tensor) -> th.Tensor:
-        end = self._task.state_dim
-        if self._task.outcome_dim:
-            # A copy: the rewards that were handed out may share memory with this one.
-            state = state.clone()
-            state[:, end - self._task.outcome_dim : end] = 0.0
-        return state
 
     def _too_uncertain(self, prediction: Prediction) -> npt.NDArray[np.bool_] | bool:
         if self._max_epistemic_std is None:

@@ -10,6 +10,7 @@ from sb3_hucrl.planning.cem import CEM
 from sb3_hucrl.planning.icem import ICEM
 from sb3_hucrl.planning.mppi import MPPI
 from sb3_hucrl.planning.random_shooting import RandomShooting
+from sb3_hucrl.planning.rollouts import ImaginedReturns, TerminalValue
 
 PLANNERS: dict[str, Callable[..., ShootingPlanner]] = {
     "random_shooting": RandomShooting,
@@ -38,11 +39,13 @@ __all__ = [
     "MPPI",
     "PLANNERS",
     "Bounds",
+    "ImaginedReturns",
     "Objective",
     "Particles",
     "Plan",
     "Proposal",
     "RandomShooting",
     "ShootingPlanner",
+    "TerminalValue",
     "make_planner",
 ]
