@@ -8,6 +8,7 @@ from typing import Any
 from sb3_hucrl.planning.base import Bounds, Objective, Particles, Plan, Proposal, ShootingPlanner
 from sb3_hucrl.planning.cem import CEM
 from sb3_hucrl.planning.icem import ICEM
+from sb3_hucrl.planning.mpc import MPCPolicy
 from sb3_hucrl.planning.mppi import MPPI
 from sb3_hucrl.planning.random_shooting import RandomShooting
 from sb3_hucrl.planning.rollouts import ImaginedReturns, TerminalValue
@@ -40,6 +41,7 @@ __all__ = [
     "PLANNERS",
     "Bounds",
     "ImaginedReturns",
+    "MPCPolicy",
     "Objective",
     "Particles",
     "Plan",

@@ -68,6 +68,22 @@ class Proposal:
             mean=((bounds.low + bounds.high) / 2).expand(shape), std=((bounds.high - bounds.low) / 4).expand(shape)
         )
 
+    def expanded(self, num_envs: int) -> Proposal:
+        """The same for each of ``num_envs`` environments, from a proposal for one that keeps no sequences."""
+        shape = (num_envs, *self.mean.shape[1:])
+        return Proposal(self.mean.expand(shape), self.std.expand(shape))
+
+    def restarted(self, begun: th.Tensor, fresh: Proposal) -> Proposal:
+        """
+        :param begun: environments whose episode has just begun, shape (B,)
+        :param fresh: takes their place
+        """
+        rows = begun[:, None, None]
+        kept = self.kept
+        if kept is not None:
+            kept = th.where(rows[..., None], fresh.mean.unsqueeze(1), kept)
+        return Proposal(th.where(rows, fresh.mean, self.mean), th.where(rows, fresh.std, self.std), kept)
+
     def shifted(self, fresh: Proposal) -> Proposal:
         """
         The proposal for the next real step: what was planned for it comes first, the last step begins anew.

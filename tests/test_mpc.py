@@ -1,0 +1,85 @@
+"""Planning at every step, on the real environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from helpers import ENV_ID, TruePendulum
+from sb3_hucrl import HallucinationWrapper, Optimistic
+from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl.planning import CEM, ICEM, MPPI, MPCPolicy, ShootingPlanner
+from sb3_hucrl.tasks import PendulumTask
+
+RIGHT_OF_UPRIGHT = (0.3, 0.0)
+
+
+class Leaning(gym.Wrapper[Any, Any, Any, Any]):
+    """The pendulum, which starts a little right of upright and falls within half a second."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        _, info = self.env.reset(seed=seed, options=options)
+        observation: Any = self.get_wrapper_attr("set_state")(RIGHT_OF_UPRIGHT)
+        return observation, info
+
+
+def make_env() -> gym.Env[Any, Any]:
+    return HallucinationWrapper(Leaning(gym.make(ENV_ID, max_episode_steps=40, action_penalty=0.0)))
+
+
+def policy(planner: ShootingPlanner, horizon: int = 30) -> MPCPolicy:
+    space = spaces.Box(-1.0, 1.0, (3,))
+    return MPCPolicy(HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), space), planner, horizon)
+
+
+class Nothing:
+    """No torque."""
+
+    def predict(self, observation: np.ndarray, *args: Any, **kwargs: Any) -> tuple[np.ndarray, None]:  # type: ignore[type-arg]
+        return np.zeros((len(observation), 3), np.float32), None
+
+
+@pytest.mark.parametrize(
+    "planner",
+    [CEM(100, 3, 10), ICEM(50, 3, 10), MPPI(200, 3, temperature=0.5)],
+    ids=["cem", "icem", "mppi"],
+)
+def test_a_leaning_pendulum_is_caught_in_all_environments(planner: ShootingPlanner) -> None:
+    envs = make_vec_env(make_env, 3)
+    falling, _ = evaluate_policy(Nothing(), envs, 3)  # type: ignore[arg-type]  # anything with predict
+    returns, _ = evaluate_policy(policy(planner), envs, 3, return_episode_rewards=True)  # type: ignore[arg-type]
+    assert isinstance(falling, float)
+    assert falling < 12
+    assert min(returns) > 20  # type: ignore[arg-type, type-var]  # a list, as asked for
+
+
+def test_a_single_observation_gives_a_single_action() -> None:
+    action, state = policy(CEM(20, 2, 5)).predict(np.array([0.0, -1.0, 0.0], np.float32))
+    assert action.shape == (3,)
+    assert state.mean.shape == (1, 30, 3)
+
+
+def test_a_new_episode_begins_without_the_old_plan() -> None:
+    mpc = policy(ICEM(20, 2, 6))
+    observation = np.tile(np.array([[0.3, 0.95, 0.0]], np.float32), (2, 1))
+    _, state = mpc.predict(observation)
+    fresh = mpc._fresh
+    assert state.kept is not None
+    restarted = state.restarted(th.tensor([False, True]), fresh.expanded(2))
+    assert th.equal(restarted.mean[0], state.mean[0])
+    assert th.equal(restarted.kept[0], state.kept[0])
+    assert th.equal(restarted.mean[1], fresh.mean[0])
+    assert (restarted.kept[1] == fresh.mean[0]).all()
+    mpc.predict(observation, state, np.array([False, True]))
+
+
+def test_a_horizon_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least 1 step"):
+        policy(CEM(), horizon=0)
