@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch as th
 
@@ -156,7 +156,10 @@ class ShootingPlanner(ABC):
         :param generator: draws, on the proposal's device
         :return: action sequences that may exceed their bounds, shape (B, n, N, d)
         """
-        return perturbed(proposal, self.num_particles, generator)
+        mean = proposal.mean
+        num_envs, horizon, dim = mean.shape
+        shape = (num_envs, self.num_particles, horizon, dim)
+        return perturbed(proposal, th.randn(shape, generator=generator, device=mean.device, dtype=mean.dtype))
 
     def elite_actions(self, particles: Particles) -> Particles:
         """
@@ -206,17 +209,13 @@ class ShootingPlanner(ABC):
         return best
 
 
-def perturbed(proposal: Proposal, n: int, generator: th.Generator | None) -> th.Tensor:
+def perturbed(proposal: Proposal, noise: th.Tensor) -> th.Tensor:
     """
     :param proposal: d(·)
-    :param n: number of sequences per environment
-    :param generator: draws, on the proposal's device
-    :return: independent draws, shape (B, n, N, d)
+    :param noise: of mean 0 and variance 1, shape (B, n, N, d)
+    :return: n sequences for each environment, shape (B, n, N, d)
     """
-    mean, std = proposal.mean.unsqueeze(1), proposal.std.unsqueeze(1)
-    num_envs, _, horizon, dim = mean.shape
-    noise = th.randn((num_envs, n, horizon, dim), generator=generator, device=mean.device, dtype=mean.dtype)
-    return th.addcmul(mean, std, noise)
+    return th.addcmul(proposal.mean.unsqueeze(1), proposal.std.unsqueeze(1), noise)
 
 
 def _pick(actions: th.Tensor, indices: th.Tensor) -> th.Tensor:
@@ -229,8 +228,7 @@ def _better(best: Plan | None, particles: Particles, proposal: Proposal) -> Plan
     if best is None:
         return Plan(actions, returns, proposal)
     improved = returns > best.returns
-    return replace(
-        best,
+    return Plan(
         actions=th.where(improved[:, None, None], actions, best.actions),
         returns=th.where(improved, returns, best.returns),
         proposal=proposal,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch as th
 
-from sb3_hucrl.planning.base import Particles, Proposal
+from sb3_hucrl.planning.base import Particles, Proposal, perturbed
 from sb3_hucrl.planning.cem import CEM
 
 
@@ -53,7 +53,7 @@ class ICEM(CEM):
         noise = colored_noise((num_envs, n, dim, horizon), self.noise_exponent, proposal.mean, generator).transpose(
             2, 3
         )
-        particles = [th.addcmul(proposal.mean.unsqueeze(1), proposal.std.unsqueeze(1), noise)]
+        particles = [perturbed(proposal, noise)]
         if proposal.kept is not None:
             particles.append(proposal.kept)
         if iteration == self.num_iterations - 1:
