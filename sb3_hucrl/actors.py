@@ -1,4 +1,4 @@
-"""Who acts in an episode: chance, or the policy."""
+"""Who acts in an episode: chance, the policy, or a planner."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
+
+from sb3_hucrl.planning import MPCPolicy
 
 Array = npt.NDArray[np.float32]
 #: maps an observation, and whether it is an episode's first, to an action (a, a′)
@@ -44,6 +46,22 @@ def policy_actor(model: BaseAlgorithm, deterministic: bool) -> BatchActor:
         nonlocal memory
         inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
         actions, memory = model.predict(inputs, state=memory, episode_start=first, deterministic=deterministic)
+        return actions
+
+    return act
+
+
+def planner_actor(planner: MPCPolicy, deterministic: bool) -> BatchActor:
+    """
+    :param planner: sees observations as the environment gives them
+    :param deterministic: whether Dyna-MPC plans around the policy's mode, or around a sample of it
+    :return: acts for a batch, which keeps its size until a new actor is made
+    """
+    proposal = None
+
+    def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
+        nonlocal proposal
+        actions, proposal = planner.predict(observations, proposal, first, deterministic)
         return actions
 
     return act

@@ -15,12 +15,14 @@ from stable_baselines3.common.logger import CSVOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_hucrl.actors import one_by_one, policy_actor, random_actor
+from sb3_hucrl.actors import one_by_one, planner_actor, policy_actor, random_actor
+from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.checkpoint import save_atomically
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DynamicsModel, FitReport, Predictor, make_dynamics, require_known
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.planning import MPCPolicy, PlanningRecipe, planning_settings
 from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.report import record_fit
 from sb3_hucrl.rollout import collect_episode, imagine_episode
@@ -69,6 +71,11 @@ class HUCRLCallback(BaseCallback):
     :param real_data_fraction: share of real transitions in each batch that an off-policy algorithm replays, in [0, 1]
     :param stale_fraction: share of the replay buffer, the latest of it, that outlives a refit; by default nothing that
         an older model imagined
+    :param planner: plan the actions of real episodes online, by the planner of this name (a key of
+        :data:`sb3_hucrl.planning.PLANNERS`), instead of playing the policy: H-MPC
+    :param planner_kwargs: ``horizon``, ``gamma`` and ``rollouts`` of :class:`sb3_hucrl.planning.HMPCSettings`, and the
+        planner's own arguments
+    :param dyna_mpc: arguments of :class:`sb3_hucrl.planning.DynaMPCSettings`, to plan around the policy
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
@@ -94,6 +101,9 @@ class HUCRLCallback(BaseCallback):
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
         stale_fraction: float = 0.0,
+        planner: str | None = None,
+        planner_kwargs: Mapping[str, Any] | None = None,
+        dyna_mpc: Mapping[str, Any] | None = None,
         uncertainty_cap: float | None = None,
         log_dir: str | None = None,
         checkpoint: str | None = None,
@@ -122,6 +132,7 @@ class HUCRLCallback(BaseCallback):
             require_known(dynamics)
         if uncertainty_cap is not None and not uncertainty_cap > 0:
             raise ValueError(f"uncertainty_cap is {uncertainty_cap}: give a positive multiple, or None for no cap")
+        self.planning = planning_settings(planner, planner_kwargs, dyna_mpc)
         if isinstance(exploration, str):
             exploration = make_strategy(exploration, **(exploration_kwargs or {}))
         self.strategy: ExplorationStrategy = exploration
@@ -141,13 +152,14 @@ class HUCRLCallback(BaseCallback):
         self.log_dir = log_dir
         self.checkpoint = checkpoint
         self._csv: CSVOutputFormat | None = None
+        self._planner: MPCPolicy | None = None
         self._searching = False
         self._search_start = 0
         self._clock = 0.0
 
     def _on_training_start(self) -> None:
         self._imagination_env = find_imagination(self.training_env)
-        if self.training_env.num_envs < 2 and not isinstance(self.model, ARS):
+        if self.training_env.num_envs < 2 and not isinstance(self.model, (ARS, HMPC)):
             raise ValueError(
                 f"n_envs is {self.training_env.num_envs}: imagination steps all environments as one batch and needs "
                 "at least 2; make 32 or so, for example make_vec_env(..., n_envs=32)"
@@ -173,6 +185,7 @@ class HUCRLCallback(BaseCallback):
         # Built before any real step is taken, so that what does not fit is found at once.
         self._starts = StartStates(self._state.dataset, self._task, self.start_states)
         self._imagine(self._state.dynamics)
+        self._prepare_planner(self._state.dynamics)
         started = time.perf_counter()
         act = random_actor(box, self._state.generator)
         for _ in range(self._state.real_episodes, self.initial_episodes):
@@ -182,7 +195,9 @@ class HUCRLCallback(BaseCallback):
         self._start_search()
 
     def _on_rollout_start(self) -> None:
-        if self.model.num_timesteps - self._search_start >= self.imagined_steps:
+        # Without a policy there is nothing to search.
+        imagined_steps = 1 if isinstance(self.model, HMPC) else self.imagined_steps
+        if self.model.num_timesteps - self._search_start >= imagined_steps:
             progress = self.model.num_timesteps / self.model._total_timesteps
             self._end_search(deterministic=progress >= self.sampling_fraction)
             self._start_search()
@@ -251,15 +266,26 @@ class HUCRLCallback(BaseCallback):
         limit = None
         if self.uncertainty_cap is not None:
             limit = epistemic_limit(state.dynamics, state.dataset.transitions, self.uncertainty_cap)
-        num_envs = self.training_env.num_envs
-        self._search_model = self.strategy.begin_search(state.dynamics, num_envs, state.real_episodes, state.generator)
+        num_samples = max(self.training_env.num_envs, self.planning.rollouts if self.planning else 1)
+        self._search_model = self.strategy.begin_search(
+            state.dynamics, num_samples, state.real_episodes, state.generator
+        )
         self._imagine(self._search_model, limit)
+        self._prepare_planner(self._search_model)
         if isinstance(self.model, OffPolicyAlgorithm):
             self._renew_replay(self.model)
         restart_trajectories(self.model)
         self._search_start = self.model.num_timesteps
         self._searching = True
         self._clock = time.perf_counter()
+
+    def _prepare_planner(self, predictor: Predictor) -> None:
+        if self.planning is None:
+            return
+        recipe = PlanningRecipe(self.planning, self.strategy, self._task)
+        self._planner = recipe.build(predictor, self._action_box, self.model, self._state.draw_seed())
+        if isinstance(self.model, HMPC):
+            self.model.recipe, self.model.planner = recipe, self._planner
 
     def _renew_replay(self, model: OffPolicyAlgorithm) -> None:
         buffer = model.replay_buffer
@@ -273,18 +299,19 @@ class HUCRLCallback(BaseCallback):
         keep_latest(buffer.imagined if isinstance(buffer, MixedReplayBuffer) else buffer, self.stale_fraction)
 
     def _end_search(self, deterministic: bool) -> None:
-        if deterministic:
+        if deterministic and not isinstance(self.model, HMPC):
             self._state.best, promised = choose_policy(self.model, self._state.best, self._mode_return)
             self.logger.record("imagined/mode_return", promised)
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
-            promise = imagine_episode(
-                self._from_real_starts(1), policy_actor(self.model, deterministic), self._action_dim
-            )
-            self._state.imagined_episodes.append(promise)
-            act = one_by_one(policy_actor(self.model, deterministic))
-            self._append(collect_episode(self._real_env, act, self._task, self._action_dim))
+            if self._planner is None:
+                act = policy_actor(self.model, deterministic)
+                self._state.imagined_episodes.append(imagine_episode(self._from_real_starts(1), act, self._action_dim))
+                act = policy_actor(self.model, deterministic)
+            else:
+                act = planner_actor(self._planner, deterministic)
+            self._append(collect_episode(self._real_env, one_by_one(act), self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
 
     def _from_real_starts(self, num_envs: int) -> Imagination:
@@ -320,7 +347,7 @@ class HUCRLCallback(BaseCallback):
         record("real/return", self._state.last_return)
         if self._imagination.initial_returns:
             record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
-        if search_seconds > 0:
+        if search_seconds > 0 and not isinstance(self.model, HMPC):
             record("imagined/epistemic_std", self._imagination.epistemic_std)
         record_fit(self.logger, report)
         record("time/rollout_seconds", rollout_seconds)

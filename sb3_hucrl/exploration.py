@@ -44,7 +44,7 @@ class ExplorationStrategy(ABC):
         """
         :param prediction: of B next states
         :param hallucinated_action: a′, shape (B, hallucinated_dim)
-        :param generator: draws the noise, on the device of the prediction
+        :param generator: draws the noise, on the device of the prediction; None for none
         :return: shape (B, p)
         """
 
@@ -56,10 +56,6 @@ class ExplorationStrategy(ABC):
         return None
 
 
-def _noise_like(values: th.Tensor, generator: th.Generator | None) -> th.Tensor:
-    return th.randn(values.shape, generator=generator, device=values.device, dtype=values.dtype)
-
-
 def _not_negative(name: str, value: float | str) -> float:
     if isinstance(value, str) or not value >= 0:
         raise ValueError(f"{name} is {value!r}: give 0 or more")
@@ -67,7 +63,9 @@ def _not_negative(name: str, value: float | str) -> float:
 
 
 def _add_noise(mean: th.Tensor, std: th.Tensor, generator: th.Generator | None) -> th.Tensor:
-    return th.addcmul(mean, std, _noise_like(mean, generator))
+    if generator is None:
+        return mean
+    return th.addcmul(mean, std, th.randn(mean.shape, generator=generator, device=mean.device, dtype=mean.dtype))
 
 
 class Optimistic(ExplorationStrategy):

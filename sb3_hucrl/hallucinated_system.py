@@ -69,11 +69,19 @@ class HallucinatedSystem:
         self.low = th.as_tensor(action_space.low, device=self.device, dtype=th.float32)
         self.high = th.as_tensor(action_space.high, device=self.device, dtype=th.float32)
 
+    def split(self, action: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+        """
+        :param action: (a, a′), shape (B, q + h)
+        :return: a and a′, within their bounds, shapes (B, q) and (B, h)
+        """
+        real_action, hallucinated = action.clamp(self.low, self.high).tensor_split([self.model.action_dim], dim=1)
+        return real_action, hallucinated
+
     def step(
         self,
         state: th.Tensor,
         action: th.Tensor,
-        generator: th.Generator,
+        generator: th.Generator | None,
         plausible: tuple[th.Tensor, th.Tensor] | None = None,
     ) -> SystemStep:
         """
@@ -81,10 +89,10 @@ class HallucinatedSystem:
 
         :param state: shape (B, p + c)
         :param action: (a, a′), shape (B, q + h)
-        :param generator: draws the noise, on the state's device
+        :param generator: draws the noise, on the state's device; None for none
         :param plausible: next states are kept between these two, each of shape (p,)
         """
-        real_action, hallucinated = action.clamp(self.low, self.high).tensor_split([self.model.action_dim], dim=1)
+        real_action, hallucinated = self.split(action)
         has_context = self.task.context_dim > 0
         prediction = self.model.predict(state[:, : self.task.state_dim] if has_context else state, real_action)
         next_state = self.strategy.next_state(prediction, hallucinated, generator)

@@ -18,12 +18,12 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_hucrl import Optimistic, ProbabilisticEnsemble, TransitionDataset
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import ImaginedReturns
+from sb3_hucrl.planning import ActionSequence, Bounds, ImaginedReturns, PlanningProblem
 from sb3_hucrl.rollout import collect_episode
 from sb3_hucrl.tasks import PendulumTask
 
 
-def objective() -> ImaginedReturns:
+def objective(horizon: int) -> ImaginedReturns:
     """Planning for the pendulum, with an ensemble that has seen one episode of random torques."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
@@ -32,7 +32,8 @@ def objective() -> ImaginedReturns:
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))
     system = HallucinatedSystem(model, Optimistic(), task, spaces.Box(-1.0, 1.0, (3,)))
-    return ImaginedReturns(system, th.tensor([[np.pi, 0.0]], dtype=th.float32), th.Generator().manual_seed(0))
+    problem = PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high)))
+    return ImaginedReturns(problem, th.tensor([[np.pi, 0.0]], dtype=th.float32), th.Generator().manual_seed(0))
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -51,7 +52,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch")
     args = parser.parse_args()
     th.set_num_threads(args.threads)
-    returns = objective()
+    returns = objective(args.horizon)
     actions = 2 * th.rand(1, args.particles, args.horizon, 3, generator=th.Generator().manual_seed(0)) - 1
     with th.inference_mode():
         ways: list[Callable[[], object]] = [

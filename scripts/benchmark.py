@@ -35,6 +35,7 @@ EXPLORATIONS: dict[str, dict[str, Any]] = {
     "optimistic_predictive": {"exploration_kwargs": {"uncertainty": "predictive"}},
     "optimistic_recalibrated": {"dynamics_kwargs": {"recalibrate": True}},
     "optimistic_capped": {"uncertainty_cap": 5.0},
+    "optimistic_dyna_mpc": {"dyna_mpc": {}},
     "greedy": {"exploration": "greedy"},
     "greedy_ts1": {"exploration": "greedy", "exploration_kwargs": {"propagation": "ts1"}},
     "greedy_tsinf": {"exploration": "greedy", "exploration_kwargs": {"propagation": "tsinf"}},

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -34,7 +35,7 @@ def draw_progress(run: ZooRun, output: Path) -> None:
     }
     figure, axes = plt.subplots(2, 2, figsize=(9, 6), sharex=True, layout="constrained")
     for axis, (title, column) in zip(axes.flat, panels.items(), strict=True):
-        values = run.progress[column].dropna()
+        values = run.progress.get(column, pd.Series(dtype=float)).dropna()
         axis.plot(values.index, values, marker="o", markersize=3, label="real")
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
@@ -55,7 +56,7 @@ def draw_phase_space(run: ZooRun, output: Path) -> None:
     state = run.state
     real = [state.dataset.transitions[slice(end - n, end)] for n, end in
             zip(state.dataset.lengths, np.cumsum(state.dataset.lengths), strict=True)]  # fmt: skip
-    # Nothing was imagined before the first, random episodes.
+    # Nothing was imagined before the first, random episodes, nor before those that were planned.
     imagined = [*[None] * (len(real) - len(state.imagined_episodes)), *state.imagined_episodes]
     shown = min(EPISODES, len(real))
     figure, axes = plt.subplots(
@@ -76,7 +77,7 @@ def _trajectory(axis: Axes, episode: Transitions | None) -> None:
     axis.set_xlim(-np.pi, np.pi)
     axis.grid(alpha=0.3)
     if episode is None:
-        axis.text(0.5, 0.5, "random actions,\nnothing imagined", transform=axis.transAxes, ha="center", fontsize=8)
+        axis.text(0.5, 0.5, "nothing imagined", transform=axis.transAxes, ha="center", fontsize=8)
         return
     angle = (episode.states[:, 0] + np.pi) % (2 * np.pi) - np.pi
     effort = episode.actions.abs().amax(dim=1)

@@ -16,7 +16,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from helpers import ENV_ID, TruePendulum
 from sb3_hucrl import HallucinationWrapper, Optimistic
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import CEM, ICEM, MPPI, MPCPolicy, ShootingPlanner
+from sb3_hucrl.planning import CEM, ICEM, ILQR, MPPI, ActionSequence, Bounds, MPCPolicy, Planner, PlanningProblem
 from sb3_hucrl.tasks import PendulumTask
 
 RIGHT_OF_UPRIGHT = (0.3, 0.0)
@@ -35,9 +35,9 @@ def make_env() -> gym.Env[Any, Any]:
     return HallucinationWrapper(Leaning(gym.make(ENV_ID, max_episode_steps=40, action_penalty=0.0)))
 
 
-def policy(planner: ShootingPlanner, horizon: int = 30) -> MPCPolicy:
-    space = spaces.Box(-1.0, 1.0, (3,))
-    return MPCPolicy(HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), space), planner, horizon)
+def policy(planner: Planner, horizon: int = 30) -> MPCPolicy:
+    system = HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), spaces.Box(-1.0, 1.0, (3,)))
+    return MPCPolicy(PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high))), planner)
 
 
 class Nothing:
@@ -49,10 +49,10 @@ class Nothing:
 
 @pytest.mark.parametrize(
     "planner",
-    [CEM(100, 3, 10), ICEM(50, 3, 10), MPPI(200, 3, temperature=0.5)],
-    ids=["cem", "icem", "mppi"],
+    [CEM(100, 3, 10), ICEM(50, 3, 10), MPPI(200, 3, temperature=0.5), ILQR(3, num_particles=16)],
+    ids=["cem", "icem", "mppi", "ilqr"],
 )
-def test_a_leaning_pendulum_is_caught_in_all_environments(planner: ShootingPlanner) -> None:
+def test_a_leaning_pendulum_is_caught_in_all_environments(planner: Planner) -> None:
     envs = make_vec_env(make_env, 3)
     players: list[Any] = [Nothing(), policy(planner)]
     falling, caught = (evaluate_policy(player, envs, 3, return_episode_rewards=True)[0] for player in players)
@@ -70,13 +70,13 @@ def test_a_new_episode_begins_without_the_old_plan() -> None:
     mpc = policy(ICEM(20, 2, 6))
     observation = np.tile(np.array([[0.3, 0.95, 0.0]], np.float32), (2, 1))
     _, state = mpc.predict(observation)
-    fresh = mpc._fresh
+    fresh = mpc._problem.variables.fresh(2)
     assert state.kept is not None
-    restarted = state.restarted(th.tensor([False, True]), fresh.expanded(2))
+    restarted = state.restarted(th.tensor([False, True]), fresh)
     assert th.equal(restarted.mean[0], state.mean[0])
     assert th.equal(restarted.kept[0], state.kept[0])
-    assert th.equal(restarted.mean[1], fresh.mean[0])
-    assert (restarted.kept[1] == fresh.mean[0]).all()
+    assert th.equal(restarted.mean[1], fresh.mean[1])
+    assert (restarted.kept[1] == fresh.mean[1]).all()
     mpc.predict(observation, state, np.array([False, True]))
 
 

@@ -13,7 +13,7 @@ from sb3_hucrl.planning import (
     CEM,
     ICEM,
     MPPI,
-    PLANNERS,
+    ActionSequence,
     Bounds,
     Objective,
     Proposal,
@@ -21,7 +21,7 @@ from sb3_hucrl.planning import (
     ShootingPlanner,
     make_planner,
 )
-from sb3_hucrl.planning.icem import colored_noise
+from sb3_hucrl.planning.noise import colored_noise
 
 BOUNDS = Bounds(th.tensor([-1.0, -2.0]), th.tensor([1.0, 2.0]))
 CURVATURE = th.tensor([[2.0, 0.6], [0.6, 1.0]])
@@ -71,7 +71,7 @@ def test_the_optimum_of_a_convex_quadratic_is_found_for_every_environment(
 @pytest.mark.parametrize("n", [1_000, 100_000])
 def test_random_shooting_comes_as_close_as_its_samples_are_dense(n: int) -> None:
     optimum = optima(num_envs=20, horizon=1)
-    proposal = Proposal.within(BOUNDS, 20, 1)
+    proposal = ActionSequence(1, BOUNDS).fresh(20)
     plan = RandomShooting(n).plan(quadratic(optimum), proposal, BOUNDS, generator())
     density = th.distributions.Normal(proposal.mean, proposal.std).log_prob(optimum).sum(dim=2).exp().squeeze(1)
     # Level sets of J are ellipses of area 2π(-J)/√det Q: one that holds 12 samples on average is empty with e^-12.
@@ -82,7 +82,7 @@ def test_random_shooting_comes_as_close_as_its_samples_are_dense(n: int) -> None
 
 def test_one_mppi_update_is_the_posterior_mean_of_its_gaussian() -> None:
     # exp(J/λ) is a Gaussian likelihood of precision Q/λ around a*, the proposal the prior.
-    optimum, proposal, temperature = optima(1, 1), Proposal.within(BOUNDS, 1, 1), 2.0
+    optimum, proposal, temperature = optima(1, 1), ActionSequence(1, BOUNDS).fresh(1), 2.0
     wide = Bounds(th.full((2,), -100.0), th.full((2,), 100.0))
     plan = MPPI(1_000_000, 1, temperature).plan(quadratic(optimum), proposal, wide, generator())
     prior = (1 / proposal.std[0, 0].square()).diag()
@@ -121,7 +121,7 @@ def test_a_linear_quadratic_problem_is_solved_as_by_riccati(
         return -(cost + th.einsum("bni,ij,bnj->bn", state, th.tensor(p, dtype=th.float32), state))
 
     bounds = Bounds(th.tensor([-8.0]), th.tensor([8.0]))
-    plan = planner.plan(objective, Proposal.within(bounds, 2, horizon), bounds, generator())
+    plan = planner.plan(objective, ActionSequence(horizon, bounds).fresh(2), bounds, generator())
     expected, state = [], starts
     for _ in range(horizon):
         expected.append(-state @ gain.T)
@@ -131,10 +131,11 @@ def test_a_linear_quadratic_problem_is_solved_as_by_riccati(
     np.testing.assert_allclose(objective(plan.proposal.mean.unsqueeze(1))[:, 0], optimal_return, rtol=loss)
 
 
-@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("name", ["random_shooting", "cem", "icem", "mppi"])
 def test_plans_stay_within_their_bounds_and_follow_the_seed(name: str) -> None:
     far = quadratic(th.full((2, 3, 2), 50.0))
-    planner, proposal = make_planner(name), Proposal.within(BOUNDS, 2, 3)
+    planner, proposal = make_planner(name), ActionSequence(3, BOUNDS).fresh(2)
+    assert isinstance(planner, ShootingPlanner)
     first, second = (planner.plan(far, proposal, BOUNDS, generator()) for _ in range(2))
     assert (first.actions <= BOUNDS.high).all()
     assert (first.actions >= BOUNDS.low).all()
@@ -143,10 +144,11 @@ def test_plans_stay_within_their_bounds_and_follow_the_seed(name: str) -> None:
 
 
 def test_the_next_step_begins_where_the_plan_left_off() -> None:
-    fresh = Proposal.within(BOUNDS, 2, 4)
+    variables = ActionSequence(4, BOUNDS)
+    fresh = variables.fresh(2)
     optimum = optima(2, 4)
     plan = ICEM().plan(quadratic(optimum), fresh, BOUNDS, generator())
-    shifted = plan.proposal.shifted(fresh)
+    shifted = variables.shifted(plan.proposal)
     assert th.equal(shifted.mean[:, :-1], plan.proposal.mean[:, 1:])
     assert th.equal(shifted.mean[:, -1], fresh.mean[:, -1])
     assert th.equal(shifted.std, fresh.std)
@@ -157,7 +159,7 @@ def test_the_next_step_begins_where_the_plan_left_off() -> None:
 
 def test_icem_tries_its_elites_again() -> None:
     optimum = optima(2, 4)
-    fresh = Proposal.within(BOUNDS, 2, 4)
+    fresh = ActionSequence(4, BOUNDS).fresh(2)
     lucky = Proposal(fresh.mean, fresh.std, kept=optimum.unsqueeze(1))
     plan = ICEM(num_iterations=1).plan(quadratic(optimum), lucky, BOUNDS, generator())
     assert th.allclose(plan.actions, optimum)
@@ -188,12 +190,14 @@ def test_bad_settings_say_what_to_do() -> None:
         CEM(num_elites=1)
     with pytest.raises(ValueError, match="smoothing"):
         CEM(smoothing=1.0)
+    with pytest.raises(ValueError, match="noise_exponent"):
+        RandomShooting(noise_exponent=-1.0)
     with pytest.raises(ValueError, match="decay"):
         ICEM(decay=0.5)
     with pytest.raises(ValueError, match="positive number"):
         MPPI(temperature=0.0)
     with pytest.raises(ValueError, match="at least 1 step"):
-        Proposal.within(BOUNDS, 1, 0)
+        ActionSequence(0, BOUNDS).fresh(1)
     with pytest.raises(ValueError, match="finite"):
         Bounds(th.tensor([-math.inf]), th.tensor([1.0]))
     with pytest.raises(ValueError, match="unknown planner 'cme'"):
@@ -201,5 +205,5 @@ def test_bad_settings_say_what_to_do() -> None:
 
 
 def test_a_return_that_is_not_finite_stops_the_plan() -> None:
-    with pytest.raises(ValueError, match="not finite in iteration 0"):
-        CEM().plan(lambda actions: actions.sum(dim=(2, 3)) / 0, Proposal.within(BOUNDS, 1, 2), BOUNDS, generator())
+    with pytest.raises(ValueError, match="planned return is not finite"):
+        CEM().plan(lambda actions: actions.sum(dim=(2, 3)) / 0, ActionSequence(2, BOUNDS).fresh(1), BOUNDS, generator())

@@ -9,8 +9,7 @@ from gymnasium import spaces
 from sb3_hucrl import Optimistic, Prediction, Task
 from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import CEM, Bounds, Proposal
-from sb3_hucrl.planning.rollouts import ImaginedReturns, TerminalValue
+from sb3_hucrl.planning import CEM, ActionSequence, Bounds, ImaginedReturns, PlanningProblem, TerminalValue
 
 
 def generator() -> th.Generator:
@@ -36,15 +35,18 @@ class Mover(Predictor):
         return Prediction(state + action, th.full_like(state, 0.5), th.zeros_like(state))
 
 
-def race_returns(states: list[float], gamma: float = 1.0, value: TerminalValue | None = None) -> ImaginedReturns:
+def race_returns(
+    states: list[float], horizon: int, gamma: float = 1.0, value: TerminalValue | None = None
+) -> ImaginedReturns:
     system = HallucinatedSystem(Mover(1, 1), Optimistic(beta=2.0), Race(), spaces.Box(-1.0, 1.0, (2,)))
-    return ImaginedReturns(system, th.tensor(states).unsqueeze(1), generator(), gamma, value)
+    problem = PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high)), gamma, value)
+    return ImaginedReturns(problem, th.tensor(states).unsqueeze(1), generator())
 
 
 def test_returns_are_those_of_a_computation_by_hand() -> None:
     # Two environments, two sequences each, of two steps (a, a′) that move by a + a′ (β times the std of 0.5 is 1).
     actions = th.tensor([[[0.5, 0.0], [0.25, 0.5]], [[1.0, 1.0], [1.0, 0.0]]]).repeat(2, 1, 1, 1)
-    returns = race_returns([0.0, 1.0], gamma=0.5, value=lambda observation: 100 * observation[:, 0])(actions)
+    returns = race_returns([0.0, 1.0], horizon=2, gamma=0.5, value=lambda observation: 100 * observation[:, 0])(actions)
     expected = [
         [0.5 + 0.5 * 1.25 + 0.25 * 125.0, 2.0 + 0.5 * 3.0],  # the second passes 2 at its last step: no value follows
         [1.5 + 0.5 * 2.25, 3.0],  # both pass 2, the second at its first step: nothing more is paid
@@ -53,15 +55,17 @@ def test_returns_are_those_of_a_computation_by_hand() -> None:
 
 
 def test_hallucinated_actions_are_planned_too() -> None:
-    wide = Bounds(th.tensor([-1.0, -1.0]), th.tensor([1.0, 1.0]))
-    plan = CEM(num_iterations=15).plan(race_returns([-9.0]), Proposal.within(wide, 1, 3), wide, generator())
+    returns = race_returns([-9.0], horizon=3)
+    variables = returns.problem.variables
+    plan = CEM(num_iterations=15).plan(returns, variables.fresh(1), variables.bounds, generator())
     assert th.allclose(plan.actions, th.ones(1, 3, 2), atol=0.05)
     assert plan.returns.item() == pytest.approx(-7.0 - 5.0 - 3.0, abs=0.3)
 
 
 def test_bad_rollouts_say_what_to_do() -> None:
     with pytest.raises(ValueError, match="discount above 0"):
-        race_returns([0.0], gamma=1.5)
-    system = HallucinatedSystem(Mover(1, 1), Optimistic(), Race(), spaces.Box(-1.0, 1.0, (2,)))
+        race_returns([0.0], horizon=1, gamma=1.5)
+    with pytest.raises(ValueError, match="at least 1 step"):
+        race_returns([0.0], horizon=0)
     with pytest.raises(ValueError, match=r"needs \(B, 1\)"):
-        ImaginedReturns(system, th.zeros(3, 2), generator())
+        ImaginedReturns(race_returns([0.0], horizon=1).problem, th.zeros(3, 2), generator())

@@ -38,11 +38,21 @@ class ExplodingTask(PendulumTask):
 '''
 
 
-def drawn(settings: dict[str, Any], env_id: str = ENV_ID) -> dict[str, Any]:
+def drawn(settings: dict[str, Any], env_id: str = ENV_ID, searches: bool = True) -> dict[str, Any]:
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
     trial = study.ask()
-    suggest(trial, settings, gym.spec(env_id), 10_000)
+    suggest(trial, settings, gym.spec(env_id), 10_000, searches)
     return trial.params
+
+
+def test_where_actions_are_planned_the_planners_horizon_is_drawn() -> None:
+    settings = {"planner": "icem", "planner_kwargs": {"num_particles": 64}}
+    params = drawn(settings, searches=False)
+    assert set(params) == {
+        f"hucrl_{name}" for name in ("beta", "planner_horizon", "num_members", "dynamics_learning_rate")
+    }
+    tuned = apply(settings, params)
+    assert tuned["planner_kwargs"] == {"num_particles": 64, "horizon": params["hucrl_planner_horizon"]}
 
 
 def test_our_settings_are_drawn_and_put_where_they_belong() -> None:

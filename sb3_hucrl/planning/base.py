@@ -5,8 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch as th
+
+from sb3_hucrl.planning.noise import colored_noise
+
+if TYPE_CHECKING:
+    from sb3_hucrl.planning.rollouts import ImaginedReturns
 
 #: returns J of action sequences: (B, n, N, d) to (B, n)
 Objective = Callable[[th.Tensor], th.Tensor]
@@ -15,7 +21,7 @@ Objective = Callable[[th.Tensor], th.Tensor]
 @dataclass(frozen=True)
 class Bounds:
     """
-    Limits of an action with its hallucinated part, which lies in [-1, 1].
+    Limits of what is planned, such as an action with its hallucinated part in [-1, 1].
 
     :param low: shape (d,)
     :param high: shape (d,)
@@ -28,7 +34,7 @@ class Bounds:
     def __post_init__(self) -> None:
         if not (th.isfinite(self.low).all() and th.isfinite(self.high).all() and (self.low < self.high).all()):
             raise ValueError(
-                f"action bounds are {self.low.tolist()} and {self.high.tolist()}: planners need finite ones, "
+                f"bounds are {self.low.tolist()} and {self.high.tolist()}: planners need finite ones, "
                 "each lower one below its upper one"
             )
 
@@ -40,7 +46,8 @@ class Bounds:
 @dataclass(frozen=True)
 class Proposal:
     """
-    d(·) of Algorithm 6: Gaussians over the action sequences of B environments, independent by dimension.
+    d(·) of Algorithm 6: Gaussians over the action sequences of B environments, or over whatever else is planned,
+    independent by dimension.
 
     :param mean: shape (B, N, d)
     :param std: shape (B, N, d)
@@ -51,27 +58,25 @@ class Proposal:
     std: th.Tensor
     kept: th.Tensor | None = None
 
-    @staticmethod
-    def within(bounds: Bounds, num_envs: int, horizon: int) -> Proposal:
-        """
-        Centred, with a standard deviation of a quarter of the range (as in PETS, Chua et al. 2018).
-
-        :param bounds: of the actions
-        :param num_envs: B
-        :param horizon: N
-        :raises ValueError: if the horizon is below 1
-        """
-        if horizon < 1:
-            raise ValueError(f"horizon is {horizon}: a plan needs at least 1 step")
-        shape = (num_envs, horizon, len(bounds.low))
+    def expanded(self, num_envs: int) -> Proposal:
+        """The same for each of ``num_envs`` environments, from a proposal for one."""
+        kept = self.kept
         return Proposal(
-            mean=((bounds.low + bounds.high) / 2).expand(shape), std=((bounds.high - bounds.low) / 4).expand(shape)
+            mean=self.mean.expand(num_envs, -1, -1),
+            std=self.std.expand(num_envs, -1, -1),
+            kept=None if kept is None else kept.expand(num_envs, -1, -1, -1),
         )
 
-    def expanded(self, num_envs: int) -> Proposal:
-        """The same for each of ``num_envs`` environments, from a proposal for one that keeps no sequences."""
-        shape = (num_envs, *self.mean.shape[1:])
-        return Proposal(self.mean.expand(shape), self.std.expand(shape))
+    def perturbed(self, n: int, noise_exponent: float, generator: th.Generator | None) -> th.Tensor:
+        """
+        :param n: sequences for each environment
+        :param noise_exponent: colour of the noise, see :func:`sb3_hucrl.planning.noise.colored_noise`
+        :param generator: draws, on the proposal's device
+        :return: mean + std · noise, shape (B, n, N, d)
+        """
+        num_envs, horizon, dim = self.mean.shape
+        noise = colored_noise((num_envs, n, dim, horizon), noise_exponent, self.mean, generator).transpose(2, 3)
+        return th.addcmul(self.mean.unsqueeze(1), self.std.unsqueeze(1), noise)
 
     def restarted(self, begun: th.Tensor, fresh: Proposal) -> Proposal:
         """
@@ -124,17 +129,36 @@ class Plan:
     proposal: Proposal
 
 
-class ShootingPlanner(ABC):
+class Planner(ABC):
+    """Maximises the return of what happens in the next N steps, for B environments at once."""
+
+    @abstractmethod
+    def plan(
+        self, objective: ImaginedReturns, proposal: Proposal, bounds: Bounds, generator: th.Generator | None = None
+    ) -> Plan:
+        """
+        :param objective: returns of plans within the bounds
+        :param proposal: where to begin
+        :param bounds: of the decision variables
+        :param generator: the source of the planner's own randomness, on the proposal's device
+        :return: the best plan that was found
+        :raises ValueError: if a return is not finite
+        """
+
+
+class ShootingPlanner(Planner):
     """
     Hallucinated shooting (Algorithm 6): sample action sequences, keep the elites, move the proposal to them.
 
     :param num_particles: sequences per environment and iteration
     :param num_iterations: updates of the proposal
     :param num_elites: how many of the best sequences the update sees
-    :raises ValueError: if a number is below 1, or there are more elites than particles
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent: 0 is white, which cancels
+        out over many short steps, and 2 moves far
+    :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
-    def __init__(self, num_particles: int, num_iterations: int, num_elites: int) -> None:
+    def __init__(self, num_particles: int, num_iterations: int, num_elites: int, noise_exponent: float) -> None:
         if min(num_particles, num_iterations, num_elites) < 1:
             raise ValueError(
                 f"num_particles is {num_particles}, num_iterations {num_iterations}, num_elites {num_elites}: give 1 "
@@ -145,21 +169,22 @@ class ShootingPlanner(ABC):
                 f"num_elites is {num_elites} of num_particles {num_particles}: elites are chosen among the particles, "
                 "so give at most as many"
             )
+        if not noise_exponent >= 0:
+            raise ValueError(f"noise_exponent is {noise_exponent}: give 0 or more")
         self.num_particles = num_particles
         self.num_iterations = num_iterations
         self.num_elites = num_elites
+        self.noise_exponent = noise_exponent
 
     def sample(self, proposal: Proposal, iteration: int, generator: th.Generator | None) -> th.Tensor:
         """
         :param proposal: d(·)
         :param iteration: from 0
         :param generator: draws, on the proposal's device
-        :return: action sequences that may exceed their bounds, shape (B, n, N, d)
+        :return: action sequences that may exceed their bounds, those worth trying again among them, shape (B, n, N, d)
         """
-        mean = proposal.mean
-        num_envs, horizon, dim = mean.shape
-        shape = (num_envs, self.num_particles, horizon, dim)
-        return perturbed(proposal, th.randn(shape, generator=generator, device=mean.device, dtype=mean.dtype))
+        particles = proposal.perturbed(self.num_particles, self.noise_exponent, generator)
+        return particles if proposal.kept is None else th.cat([particles, proposal.kept], dim=1)
 
     def elite_actions(self, particles: Particles) -> Particles:
         """
@@ -181,27 +206,15 @@ class ShootingPlanner(ABC):
         :return: from which the next are drawn
         """
 
-    @th.no_grad()
+    @th.inference_mode()
     def plan(
         self, objective: Objective, proposal: Proposal, bounds: Bounds, generator: th.Generator | None = None
     ) -> Plan:
-        """
-        :param objective: returns of action sequences within the bounds
-        :param proposal: where to begin
-        :param bounds: of the actions
-        :param generator: the source of all randomness, on the proposal's device
-        :return: the best sequence of all iterations
-        :raises ValueError: if a return is not finite
-        """
         best: Plan | None = None
         for iteration in range(self.num_iterations):
             actions = bounds.clip(self.sample(proposal, iteration, generator))
             returns = objective(actions)
-            if not th.isfinite(returns).all():
-                raise ValueError(
-                    f"a planned return is not finite in iteration {iteration}: the dynamics model has diverged; "
-                    "shorten the horizon, or collect more real episodes"
-                )
+            require_finite(returns)
             particles = Particles(actions, returns)
             proposal = self.update_distribution(proposal, self.elite_actions(particles))
             best = _better(best, particles, proposal)
@@ -209,13 +222,16 @@ class ShootingPlanner(ABC):
         return best
 
 
-def perturbed(proposal: Proposal, noise: th.Tensor) -> th.Tensor:
+def require_finite(returns: th.Tensor) -> None:
     """
-    :param proposal: d(·)
-    :param noise: of mean 0 and variance 1, shape (B, n, N, d)
-    :return: n sequences for each environment, shape (B, n, N, d)
+    :param returns: of plans
+    :raises ValueError: unless all are finite
     """
-    return th.addcmul(proposal.mean.unsqueeze(1), proposal.std.unsqueeze(1), noise)
+    if not th.isfinite(returns).all():
+        raise ValueError(
+            "a planned return is not finite: the dynamics model has diverged; shorten the planner's horizon, or "
+            "collect more real episodes"
+        )
 
 
 def _pick(actions: th.Tensor, indices: th.Tensor) -> th.Tensor:

@@ -13,13 +13,19 @@ class CEM(ShootingPlanner):
     :param num_iterations: updates of the proposal
     :param num_elites: how many of the best sequences the update sees, at least 2
     :param smoothing: share of the old proposal in the new one, in [0, 1)
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
     :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
     def __init__(
-        self, num_particles: int = 500, num_iterations: int = 5, num_elites: int = 50, smoothing: float = 0.1
+        self,
+        num_particles: int = 500,
+        num_iterations: int = 5,
+        num_elites: int = 50,
+        smoothing: float = 0.1,
+        noise_exponent: float = 0.0,
     ) -> None:
-        super().__init__(num_particles, num_iterations, num_elites)
+        super().__init__(num_particles, num_iterations, num_elites, noise_exponent)
         if num_elites < 2:
             raise ValueError(f"num_elites is {num_elites}: the standard deviation of elites needs 2 or more")
         if not 0 <= smoothing < 1:

@@ -17,11 +17,18 @@ class MPPI(ShootingPlanner):
     :param num_particles: sequences per environment and iteration
     :param num_iterations: updates of the proposal
     :param temperature: λ, in units of the return: the lower, the fewer sequences count
-    :raises ValueError: if a number is below 1, or the temperature not positive
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
+    :raises ValueError: if a number is out of its range, or the temperature not positive
     """
 
-    def __init__(self, num_particles: int = 500, num_iterations: int = 5, temperature: float = 1.0) -> None:
-        super().__init__(num_particles, num_iterations, num_elites=num_particles)
+    def __init__(
+        self,
+        num_particles: int = 500,
+        num_iterations: int = 5,
+        temperature: float = 1.0,
+        noise_exponent: float = 0.0,
+    ) -> None:
+        super().__init__(num_particles, num_iterations, num_particles, noise_exponent)
         if not temperature > 0:
             raise ValueError(f"temperature is {temperature}: give a positive number, in units of the return")
         self.temperature = temperature

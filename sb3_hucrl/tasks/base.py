@@ -105,12 +105,12 @@ class Task(ABC):
         """
         return next_states
 
-    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator) -> th.Tensor:
+    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator | None) -> th.Tensor:
         """
         Decide in imagination what the model predicts as a probability.
 
         :param next_state: shape (B, p + c)
-        :param generator: draws, on the state's device
+        :param generator: draws, on the state's device; None for what is more likely
         :return: the next state with its outcomes decided
         """
         return next_state

@@ -67,9 +67,11 @@ class LearnedTask(LearnedReward):
         next_states[:, self.observation_dim + 1] = terminated.to(next_states.dtype)
         return next_states
 
-    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator) -> th.Tensor:
+    def sample_outcomes(self, next_state: th.Tensor, generator: th.Generator | None) -> th.Tensor:
         probability = next_state[:, self.observation_dim + 1]
-        drawn = th.rand(len(probability), generator=generator, device=probability.device)
+        drawn = th.full_like(probability, 0.5)
+        if generator is not None:
+            drawn = th.rand(len(probability), generator=generator, device=probability.device)
         next_state = next_state.clone()
         next_state[:, self.observation_dim + 1] = (probability > drawn.clamp(min=NEGLIGIBLE)).to(next_state.dtype)
         return next_state

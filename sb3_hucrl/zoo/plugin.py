@@ -13,6 +13,7 @@ from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
+from sb3_hucrl.zoo.algorithms import register_algorithms
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
 from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.tuning import prepare_trial, use_trial
@@ -99,5 +100,6 @@ def install() -> None:
     _extend("read_hyperparameters", _read_hyperparameters)
     _extend("learn", _learn)
     _extend("objective", _objective)
+    register_algorithms()
     register_sbx()
     setattr(ExperimentManager, "_knows_hucrl", True)  # noqa: B010  # mypy knows no such attribute

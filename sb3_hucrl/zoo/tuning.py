@@ -23,7 +23,13 @@ PREFIX = "hucrl_"
 START = f"{PREFIX}start_"
 
 
-def suggest(trial: optuna.Trial, settings: Mapping[str, Any], spec: gym.envs.registration.EnvSpec, n: int) -> None:
+def suggest(
+    trial: optuna.Trial,
+    settings: Mapping[str, Any],
+    spec: gym.envs.registration.EnvSpec,
+    n: int,
+    searches: bool = True,
+) -> None:
     """
     Draw our settings for a trial; :func:`apply` puts them where they belong.
 
@@ -31,15 +37,20 @@ def suggest(trial: optuna.Trial, settings: Mapping[str, Any], spec: gym.envs.reg
     :param settings: the callback's arguments in the YAML file, which decide what there is to tune
     :param spec: of the environment, which has a time limit
     :param n: imagined steps of the whole training
+    :param searches: whether the algorithm searches in imagination; H-MPC does not
     """
     if settings.get("exploration", "optimistic") == "optimistic":
         trial.suggest_float(f"{PREFIX}beta", 0.1, 10.0, log=True)
     assert spec.max_episode_steps is not None  # every environment of the package has one
-    trial.suggest_int(f"{PREFIX}horizon", 10, spec.max_episode_steps, log=True)
-    trial.suggest_int(f"{PREFIX}imagined_steps", max(1, n // 20), max(1, n // 2), log=True)
+    if settings.get("planner"):
+        trial.suggest_int(f"{PREFIX}planner_horizon", 10, spec.max_episode_steps, log=True)
     if settings.get("dynamics", "ensemble") in ENSEMBLES:
         trial.suggest_int(f"{PREFIX}num_members", 2, 8)
         trial.suggest_float(f"{PREFIX}dynamics_learning_rate", 3e-4, 1e-2, log=True)
+    if not searches:
+        return
+    trial.suggest_int(f"{PREFIX}horizon", 10, spec.max_episode_steps, log=True)
+    trial.suggest_int(f"{PREFIX}imagined_steps", max(1, n // 20), max(1, n // 2), log=True)
     task = find_task(spec, observation_dim=0)
     for kind in StartStates.KINDS:
         if kind == "exploratory" and (task is None or task.exploratory_states(1, None) is None):
@@ -60,6 +71,7 @@ def apply(settings: Mapping[str, Any], params: Mapping[str, Any]) -> dict[str, A
             tuned[name] = params[PREFIX + name]
     nested = {"beta": ("exploration_kwargs", "beta"), "num_members": ("dynamics_kwargs", "num_members")}
     nested["dynamics_learning_rate"] = ("dynamics_kwargs", "learning_rate")
+    nested["planner_horizon"] = ("planner_kwargs", "horizon")
     for name, (kwargs, argument) in nested.items():
         if PREFIX + name in params:
             tuned[kwargs] = {**(tuned.get(kwargs) or {}), argument: params[PREFIX + name]}
@@ -129,7 +141,8 @@ def prepare_trial(manager: ExperimentManager, trial: optuna.Trial) -> Experiment
     settings = callback_settings(manager.specified_callbacks)
     if settings is None:
         return manager
-    suggest(trial, settings, gym.spec(manager.env_name.gym_id), manager.n_timesteps)
+    spec = gym.spec(manager.env_name.gym_id)
+    suggest(trial, settings, spec, manager.n_timesteps, searches=manager.algo != "hmpc")
     own = copy.copy(manager)
     own.specified_callbacks = [
         *with_settings(manager.specified_callbacks, apply(settings, trial.params)),

@@ -1,0 +1,148 @@
+"""H-MPC as an SB3 algorithm, for those who want to plan and not to search a policy."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, PyTorchObs
+from typing_extensions import Self
+
+from sb3_hucrl.planning import MPCPolicy, PlanningRecipe
+from sb3_hucrl.spaces import require_bounded_box
+from sb3_hucrl.state import get_state
+
+
+class NoPolicy(BasePolicy):
+    """Has no parameters: actions are planned."""
+
+    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
+        raise NotImplementedError("H-MPC has no policy: call predict() of the algorithm")
+
+
+class HMPC(BaseAlgorithm):
+    """
+    H-MPC (appendix C.2): every action is planned in the dynamics model that :class:`sb3_hucrl.HUCRLCallback` learns,
+    with the planner that the callback names.
+
+    There is no policy to search, so a timestep stands for a whole search, an empty one: ``learn(9)`` plays the
+    callback's initial real episodes and nine times its ``real_episodes``.
+
+    :param policy: ``"NoPolicy"``
+    :param env: around which is an ImaginationVecEnv; one is enough
+    :param stats_window_size: as in all of SB3's algorithms
+    :param tensorboard_log: folder for TensorBoard
+    :param verbose: 1 prints what is logged
+    :param seed: of all randomness
+    :param device: of the dynamics model
+    :param _init_setup_model: whether to set up now, or with ``load``
+    :raises ValueError: if observations are normalised, which planning has no use for
+    """
+
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"NoPolicy": NoPolicy}
+
+    def __init__(
+        self,
+        policy: str | type[NoPolicy],
+        env: GymEnv | str | None,
+        stats_window_size: int = 100,
+        tensorboard_log: str | None = None,
+        verbose: int = 0,
+        seed: int | None = None,
+        device: th.device | str = "auto",
+        _init_setup_model: bool = True,
+    ) -> None:
+        super().__init__(
+            policy,
+            env,
+            learning_rate=0.0,
+            stats_window_size=stats_window_size,
+            tensorboard_log=tensorboard_log,
+            verbose=verbose,
+            seed=seed,
+            device=device,
+            support_multi_env=True,
+        )
+        #: how to plan, once a callback has said so
+        self.recipe: PlanningRecipe | None = None
+        #: at work on the latest model; a loaded algorithm makes it anew
+        self.planner: MPCPolicy | None = None
+        if _init_setup_model:
+            self._setup_model()
+
+    def _setup_model(self) -> None:
+        if self.get_vec_normalize_env() is not None:
+            raise ValueError("H-MPC plans with true observations and rewards: use no VecNormalize (normalize: false)")
+        self.set_random_seed(self.seed)
+        self.policy = self.policy_class(self.observation_space, self.action_space).to(self.device)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "planner"]
+
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        log_interval: int = 1,
+        tb_log_name: str = "HMPC",
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> Self:
+        """
+        :param total_timesteps: how often real episodes are played, after the first random ones
+        :param callback: with a :class:`sb3_hucrl.HUCRLCallback` that names a planner
+        :param log_interval: not needed: the callback logs every real episode
+        :param tb_log_name: of the run in TensorBoard
+        :param reset_num_timesteps: whether to count from 0, and not on
+        :param progress_bar: whether to show one
+        :raises ValueError: if the callback names no planner
+        """
+        total_timesteps, callbacks = self._setup_learn(
+            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+        )
+        callbacks.on_training_start(locals(), globals())
+        if self.recipe is None:
+            raise ValueError("H-MPC learns nothing by itself: give learn() callback=HUCRLCallback(planner='icem')")
+        while self.num_timesteps < total_timesteps and self._count(callbacks):
+            pass
+        callbacks.on_training_end()
+        return self
+
+    def _count(self, callbacks: BaseCallback) -> bool:
+        callbacks.on_rollout_start()
+        self.num_timesteps += 1
+        self._update_current_progress_remaining(self.num_timesteps, self._total_timesteps)
+        callbacks.update_locals(locals())
+        goes_on = callbacks.on_step()
+        callbacks.on_rollout_end()
+        return goes_on
+
+    def predict(
+        self,
+        observation: np.ndarray | dict[str, np.ndarray],
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, Any]:
+        """
+        Plan, and act. See :meth:`sb3_hucrl.planning.MPCPolicy.predict`.
+
+        :raises RuntimeError: if there is no dynamics model yet
+        """
+        if self.planner is None:
+            self.planner = self._make_planner()
+        return self.planner.predict(observation, state, episode_start, deterministic)
+
+    def _make_planner(self) -> MPCPolicy:
+        learned = get_state(self)
+        if learned is None or self.recipe is None:
+            raise RuntimeError("H-MPC has no dynamics model to plan with yet: call learn() first")
+        predictor = self.recipe.strategy.begin_search(
+            learned.dynamics.to(self.device), self.recipe.settings.rollouts, learned.real_episodes, learned.generator
+        )
+        box = require_bounded_box(self.action_space)
+        return self.recipe.build(predictor, box, self, learned.draw_seed())

@@ -1,0 +1,89 @@
+"""Searching around a policy: Dyna-MPC's and POPLIN's decision variables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch as th
+
+from sb3_hucrl.planning.base import Bounds, Proposal
+from sb3_hucrl.planning.sb3_policy import SB3Policy
+from sb3_hucrl.planning.variables import DecisionVariables
+from sb3_hucrl.tasks.base import Task
+
+#: how many of its standard deviations a policy parameter may be changed by
+REACH = 5.0
+
+
+class PolicyNoise(DecisionVariables):
+    """
+    What is added to a policy's actions: (a_n, a′_n) = (π, η)(s_n) + x_n (Algorithm 7, and POPLIN-A of Wang and Ba
+    2019).
+
+    :param horizon: N
+    :param bounds: of (a, a′)
+    :param policy: (π, η)
+    :param task: maps states to observations
+    :param std: of the noise that the search begins with, as a share of the actions' range
+    :raises ValueError: if the horizon is below 1 or the standard deviation not positive
+    """
+
+    def __init__(self, horizon: int, bounds: Bounds, policy: SB3Policy, task: Task, std: float) -> None:
+        _require_positive(std)
+        width = bounds.high - bounds.low
+        mean = th.zeros(1, horizon, len(width), device=width.device)
+        # The policy's own actions are always among the candidates.
+        fresh = Proposal(mean, (std * width).expand_as(mean), kept=mean.unsqueeze(1))
+        super().__init__(horizon, Bounds(-width, width), fresh)
+        self._policy, self._task, self._actions = policy, task, bounds
+
+    def shifted(self, proposal: Proposal) -> Proposal:
+        # What the last plan knew better than the policy held where the environment was then.
+        return self.fresh(len(proposal.mean))
+
+    def explore(self, proposal: Proposal, states: th.Tensor) -> Proposal:
+        observation = self._task.observe(states)
+        mean = proposal.mean.clone()
+        mean[:, 0] = self._policy.act(observation, deterministic=False) - self._policy.act(observation)
+        return Proposal(mean, proposal.std, kept=mean.unsqueeze(1))
+
+    def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
+        return self._actions.clip(self._policy.act(self._task.observe(state)) + value)
+
+
+class PolicyParameters(DecisionVariables):
+    """
+    What is added to a policy's parameters, for the whole plan: (a_n, a′_n) = (π, η)(s_n; θ + x) (POPLIN-P of Wang and
+    Ba 2019, with the same x at every step).
+
+    :param horizon: N
+    :param policy: (π, η), with parameters θ
+    :param task: maps states to observations
+    :param std: of the changes that the search begins with, in units of the parameters
+    :raises ValueError: if the horizon is below 1 or the standard deviation not positive
+    """
+
+    def __init__(self, horizon: int, policy: SB3Policy, task: Task, std: float) -> None:
+        _require_positive(std)
+        self._policy, self._task = policy, task
+        self._parameters = policy.acting_parameters()
+        count = sum(parameter.numel() for parameter in self._parameters.values())
+        spread = th.full((count,), std, device=next(iter(self._parameters.values())).device)
+        fresh = Proposal(th.zeros_like(spread)[None, None], spread[None, None])
+        super().__init__(horizon, Bounds(-REACH * spread, REACH * spread), fresh)
+
+    def shifted(self, proposal: Proposal) -> Proposal:
+        return replace(proposal, std=self.fresh(len(proposal.mean)).std)
+
+    def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
+        sizes = [parameter.numel() for parameter in self._parameters.values()]
+        changed = {
+            name: parameter + change.view(-1, *parameter.shape)
+            for (name, parameter), change in zip(self._parameters.items(), value.split(sizes, dim=1), strict=True)
+        }
+        return self._policy.act_each(changed, self._task.observe(state))
+
+
+def _require_positive(std: float) -> None:
+    if not std > 0:
+        raise ValueError(f"std is {std}: plans around a policy need noise, so give a positive number")

@@ -1,0 +1,165 @@
+"""How the callback's arguments become a planner at work."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from sb3_hucrl.dynamics import Predictor
+from sb3_hucrl.exploration import ExplorationStrategy
+from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl.planning.base import Bounds
+from sb3_hucrl.planning.mpc import MPCPolicy
+from sb3_hucrl.planning.policy_variables import PolicyNoise, PolicyParameters
+from sb3_hucrl.planning.registry import make_planner
+from sb3_hucrl.planning.rollouts import PlanningProblem
+from sb3_hucrl.planning.sb3_policy import SB3Policy
+from sb3_hucrl.planning.variables import ActionSequence, DecisionVariables
+from sb3_hucrl.tasks.base import Task
+
+
+class PlanningSettings(ABC):
+    """
+    What is planned at every real step, and how.
+
+    :param rollouts: trajectories over which the return of a plan is averaged
+    """
+
+    def __init__(self, rollouts: int) -> None:
+        self.rollouts = rollouts
+
+    @abstractmethod
+    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
+        """
+        :param system: in which is planned
+        :param model: SB3 algorithm that trains meanwhile
+        :param seed: of all randomness
+        :raises ValueError: if these do not fit together
+        """
+
+
+class HMPCSettings(PlanningSettings):
+    """
+    Planning without a policy: H-MPC (appendix C.2). With ``planner="cem"``, Greedy's propagation "tsinf" and several
+    rollouts it is PETS (Chua et al. 2018).
+
+    :param planner: name of a planner, a key of :data:`sb3_hucrl.planning.PLANNERS`
+    :param horizon: N, steps that are planned ahead
+    :param gamma: discount of imagined rewards
+    :param rollouts: trajectories over which the return of a plan is averaged
+    :param planner_kwargs: further arguments of the planner
+    :raises ValueError: if the planner is unknown or a number out of its range
+    """
+
+    def __init__(
+        self, planner: str, horizon: int = 50, gamma: float = 1.0, rollouts: int = 1, **planner_kwargs: Any
+    ) -> None:
+        super().__init__(rollouts)
+        self._horizon, self._gamma = horizon, gamma
+        self._planner = make_planner(planner, **planner_kwargs)
+
+    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
+        variables = ActionSequence(self._horizon, Bounds(system.low, system.high))
+        problem = PlanningProblem(system, variables, self._gamma, rollouts=self.rollouts)
+        return MPCPolicy(problem, self._planner, seed)
+
+
+class DynaMPCSettings(PlanningSettings):
+    """
+    Planning around an SB3 policy, and bootstrapping with its critic: Dyna-MPC (Algorithm 7). Without the bootstrap it
+    is POPLIN (Wang and Ba 2019), in policy-noise or policy-parameter space.
+
+    :param horizon: N, steps that are planned ahead
+    :param samples: plans per real step and iteration, besides the policy's own actions
+    :param planner: name of a planner, a key of :data:`sb3_hucrl.planning.PLANNERS`
+    :param space: whether plans change the policy's actions (``"noise"``) or its parameters (``"parameters"``)
+    :param std: size of these changes: a share of the actions' range, or in units of the parameters
+    :param bootstrap: whether the critic says what follows the horizon
+    :param rollouts: trajectories over which the return of a plan is averaged
+    :param planner_kwargs: further arguments of the planner
+    :raises ValueError: if the planner is unknown or a number out of its range
+    """
+
+    def __init__(
+        self,
+        horizon: int = 8,
+        samples: int = 64,
+        planner: str = "cem",
+        space: Literal["noise", "parameters"] = "noise",
+        std: float = 0.2,
+        bootstrap: bool = True,
+        rollouts: int = 1,
+        **planner_kwargs: Any,
+    ) -> None:
+        super().__init__(rollouts)
+        if space not in ("noise", "parameters"):
+            raise ValueError(f"unknown space {space!r}: choose 'noise' or 'parameters'")
+        if planner in ("cem", "icem"):
+            planner_kwargs = {"num_elites": max(2, samples // 4), "num_iterations": 3, **planner_kwargs}
+        self._horizon, self._space, self._std, self._bootstrap = horizon, space, std, bootstrap
+        self._planner = make_planner(planner, num_particles=samples, **planner_kwargs)
+
+    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
+        policy = SB3Policy(model)
+        variables: DecisionVariables
+        if self._space == "noise":
+            bounds = Bounds(system.low, system.high)
+            variables = PolicyNoise(self._horizon, bounds, policy, system.task, self._std)
+        else:
+            variables = PolicyParameters(self._horizon, policy, system.task, self._std)
+        value = policy.value() if self._bootstrap else None
+        # The critic counts in discounted rewards; where there is none, there is nothing to agree with.
+        gamma = getattr(model, "gamma", 1.0)
+        return MPCPolicy(PlanningProblem(system, variables, gamma, value, self.rollouts), self._planner, seed)
+
+
+def planning_settings(
+    planner: str | None, planner_kwargs: Mapping[str, Any] | None, dyna_mpc: Mapping[str, Any] | None
+) -> PlanningSettings | None:
+    """
+    :param planner: of H-MPC
+    :param planner_kwargs: arguments of :class:`HMPCSettings`
+    :param dyna_mpc: arguments of :class:`DynaMPCSettings`
+    :return: None if nothing is planned
+    :raises ValueError: if both are given, or what is given is wrong
+    """
+    if dyna_mpc is not None:
+        if planner is not None:
+            raise ValueError("give planner (H-MPC) or dyna_mpc, not both; dyna_mpc: {planner: ...} names Dyna-MPC's")
+        return DynaMPCSettings(**dyna_mpc)
+    if planner is not None:
+        return HMPCSettings(planner, **(planner_kwargs or {}))
+    if planner_kwargs:
+        raise ValueError(f"planner_kwargs are {dict(planner_kwargs)}, but there is no planner: say planner: icem")
+    return None
+
+
+@dataclass(frozen=True)
+class PlanningRecipe:
+    """
+    All that planning needs besides a dynamics model.
+
+    :param settings: what is planned, and how
+    :param strategy: turns prediction and a′ into the next state
+    :param task: known reward, termination and observation
+    """
+
+    settings: PlanningSettings
+    strategy: ExplorationStrategy
+    task: Task
+
+    def build(self, predictor: Predictor, action_space: spaces.Box, model: BaseAlgorithm, seed: int) -> MPCPolicy:
+        """
+        :param predictor: the learned dynamics, or a sample of it
+        :param action_space: of (a, a′)
+        :param model: SB3 algorithm that trains meanwhile
+        :param seed: of all randomness
+        :raises ValueError: if these do not fit together
+        """
+        system = HallucinatedSystem(predictor, self.strategy, self.task, action_space)
+        return self.settings.build(system, model, seed)

@@ -1,0 +1,76 @@
+"""What a planner decides on: actions, or changes to a policy."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import torch as th
+
+from sb3_hucrl.planning.base import Bounds, Proposal
+
+
+class DecisionVariables(ABC):
+    """
+    Vectors x_n of k numbers that a planner searches and that turn states into actions: one for each of N steps, or a
+    single one for all of them.
+
+    :param horizon: N, steps that are planned ahead
+    :param bounds: of each vector
+    :param fresh: where a search without a past begins, for a single environment
+    :raises ValueError: if the horizon is below 1
+    """
+
+    def __init__(self, horizon: int, bounds: Bounds, fresh: Proposal) -> None:
+        if horizon < 1:
+            raise ValueError(f"horizon is {horizon}: a plan needs at least 1 step")
+        self.horizon, self.bounds, self._fresh = horizon, bounds, fresh
+
+    def fresh(self, num_envs: int) -> Proposal:
+        """
+        :param num_envs: B
+        :return: where a search begins if nothing was planned before
+        """
+        return self._fresh.expanded(num_envs)
+
+    def shifted(self, proposal: Proposal) -> Proposal:
+        """
+        :param proposal: that a plan ended with, for B environments
+        :return: where the next real step's search begins: what was planned for that step comes first
+        """
+        return proposal.shifted(self.fresh(len(proposal.mean)))
+
+    def explore(self, proposal: Proposal, states: th.Tensor) -> Proposal:
+        """
+        :param proposal: where a search is about to begin, for B environments
+        :param states: where they are, shape (B, p + c)
+        :return: the same, moved at random if the variables have a randomness of their own
+        """
+        return proposal
+
+    @abstractmethod
+    def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
+        """
+        :param value: x_n of M trajectories, shape (M, k)
+        :param state: s_n, shape (M, p + c)
+        :return: (a_n, a′_n), shape (M, q + h)
+        """
+
+
+class ActionSequence(DecisionVariables):
+    """
+    The actions themselves (Algorithm 6): (a_n, a′_n) = x_n.
+
+    The search begins centred, with a standard deviation of a quarter of the range (as in PETS, Chua et al. 2018).
+
+    :param horizon: N
+    :param bounds: of (a, a′)
+    :raises ValueError: if the horizon is below 1
+    """
+
+    def __init__(self, horizon: int, bounds: Bounds) -> None:
+        shape = (1, horizon, len(bounds.low))
+        middle, spread = (bounds.low + bounds.high) / 2, (bounds.high - bounds.low) / 4
+        super().__init__(horizon, bounds, Proposal(middle.expand(shape), spread.expand(shape)))
+
+    def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
+        return value

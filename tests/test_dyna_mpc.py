@@ -1,0 +1,117 @@
+"""Planning around a policy: Dyna-MPC and POPLIN."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3 import SAC
+
+from helpers import TruePendulum, imagination_env, small_callback, small_sac
+from sb3_hucrl import Optimistic
+from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl.planning import DynaMPCSettings, HMPCSettings, MPCPolicy, PolicyParameters, SB3Policy, planning_settings
+from sb3_hucrl.tasks import PendulumTask
+
+LEANING = np.array([[math.sin(0.3), math.cos(0.3), 0.0], [0.0, -1.0, 0.0]], np.float32)
+
+
+def system() -> HallucinatedSystem:
+    return HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), spaces.Box(-1.0, 1.0, (3,)))
+
+
+def planner(model: SAC, **settings: Any) -> MPCPolicy:
+    return DynaMPCSettings(**settings).build(system(), model, seed=0)
+
+
+def test_without_anything_better_the_policy_itself_acts() -> None:
+    # So much noise that no random candidate is any good, and a single chance to find one.
+    model = small_sac()
+    model.policy.set_training_mode(False)
+    with th.no_grad():
+        for parameter in model.actor.mu.parameters():
+            parameter.zero_()
+
+    def value(observation: th.Tensor) -> th.Tensor:
+        return -1e6 * (observation[:, 2]).abs()
+
+    built = planner(model, std=1.0, samples=2, horizon=1, bootstrap=False, planner="random_shooting")
+    built._problem = type(built._problem)(built._problem.system, built._problem.variables, terminal_value=value)
+    hanging = LEANING[1:]
+    actions, _ = built.predict(hanging, deterministic=True)
+    np.testing.assert_allclose(actions, model.predict(hanging, deterministic=True)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("space", ["noise", "parameters"])
+def test_planning_improves_on_an_untrained_policy(space: str) -> None:
+    model = small_sac()
+    settings: dict[str, Any] = {"horizon": 20, "samples": 32, "bootstrap": False, "space": space, "std": 0.3}
+    built = planner(model, planner="cem", num_iterations=3, **settings)
+    returns = []
+    for act in (lambda o: model.predict(o, deterministic=True)[0], lambda o: built.predict(o, deterministic=True)[0]):
+        state, total = system().task.state(th.as_tensor(LEANING[:1])), 0.0
+        for _ in range(25):
+            step = system().step(state, th.as_tensor(act(system().task.observe(state).numpy())), None)
+            state, total = step.next_state, total + step.reward.item()
+        returns.append(total)
+    assert returns[1] > returns[0] + 5
+
+
+def test_a_sample_of_the_policy_is_planned_around() -> None:
+    model = small_sac()
+    built = planner(model, std=1e-6, samples=2)
+    mode, _ = built.predict(LEANING, deterministic=True)
+    np.testing.assert_allclose(mode, model.predict(LEANING, deterministic=True)[0], atol=1e-4)
+    sample, _ = built.predict(LEANING, deterministic=False)
+    assert np.abs(sample - mode).max() > 0.05
+    assert (np.abs(sample) <= 1).all()
+
+
+def test_changed_parameters_are_kept_for_the_next_step() -> None:
+    policy = SB3Policy(small_sac())
+    variables = PolicyParameters(5, policy, PendulumTask(), std=0.1)
+    fresh = variables.fresh(2)
+    assert fresh.mean.shape == (2, 1, sum(each.numel() for each in policy.acting_parameters().values()))
+    moved = type(fresh)(fresh.mean + 1, fresh.std / 2)
+    shifted = variables.shifted(moved)
+    assert th.equal(shifted.mean, moved.mean)
+    assert th.equal(shifted.std, fresh.std)
+
+
+def test_the_callback_plans_its_real_episodes() -> None:
+    model = small_sac(imagination_env(max_episode_steps=40))
+    callback = small_callback(dyna_mpc={"horizon": 2, "samples": 4})
+    model.learn(160, callback)
+    assert model.hucrl.real_episodes == 3  # type: ignore[attr-defined]  # attached by the callback
+    assert callback._planner is not None
+    # The real actions are not those of the policy.
+    states = model.hucrl.dataset.transitions[slice(80, 120)]  # type: ignore[attr-defined]  # as above
+    played = states.actions.numpy()
+    observations = PendulumTask().observe(states.states).numpy()
+    assert np.abs(played - model.predict(observations, deterministic=True)[0][:, :1]).max() > 1e-3
+
+
+def test_bad_settings_say_what_to_do() -> None:
+    with pytest.raises(ValueError, match="not both"):
+        planning_settings("cem", None, {})
+    with pytest.raises(ValueError, match="there is no planner"):
+        planning_settings(None, {"horizon": 3}, None)
+    with pytest.raises(ValueError, match="unknown planner"):
+        HMPCSettings("sqp")
+    with pytest.raises(ValueError, match="unknown space"):
+        DynaMPCSettings(space="actions")  # type: ignore[arg-type]  # the point of it
+    with pytest.raises(ValueError, match="need noise"):
+        planner(small_sac(), std=0.0)
+    with pytest.raises(ValueError, match="at least 1 step"):
+        planner(small_sac(), horizon=0)
+    with pytest.raises(ValueError, match="rollouts is 0"):
+        planner(small_sac(), rollouts=0)
+    with pytest.raises(ValueError, match="iLQR plans step by step"):
+        planner(small_sac(), planner="ilqr", space="parameters").predict(LEANING)
+    # Before any real step is taken.
+    with pytest.raises(ValueError, match="at least 1 step"):
+        small_sac().learn(80, small_callback(planner="cem", planner_kwargs={"horizon": 0}))
