@@ -57,6 +57,17 @@ def test_training_leaves_what_zoo_users_expect(trained: Path) -> None:
     assert progress["real/episode"].dropna().tolist() == [1, 2, 3]
 
 
+def test_hmpc_trains_and_enjoys_without_a_policy(tmp_path: Path) -> None:
+    planner = {"horizon": 2, "num_particles": 4, "num_elites": 2, "num_iterations": 1}
+    callback = {"planner": "icem", "planner_kwargs": planner, "dynamics_kwargs": {"gradient_steps": 20}}
+    params = [f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {callback}}}]"]
+    hmpc = ["--algo", "hmpc", "--env", ENV_ID]
+    run(ZOO, "train", *hmpc, "-n", "1", "--eval-freq", "-1", "--seed", "3", "-params", *params, cwd=tmp_path)
+    folder = tmp_path / "logs" / "hmpc" / f"{ENV_ID}_1"
+    assert load_results(str(folder)).l.tolist() == [400, 400]
+    assert "Episode Reward" in run(ZOO, "enjoy", *hmpc, "--no-render", "-f", "logs", "-n", "400", cwd=tmp_path)
+
+
 def test_prints_one_table_for_each_real_episode_and_evaluation(trained: Path) -> None:
     rows = pd.read_csv(run_folder(trained) / "progress.csv")
     assert len(rows) == 3 + 2

@@ -48,6 +48,11 @@ class SB3Policy:
         self._low, self._high = (th.as_tensor(limit, device=model.device) for limit in (box.low, box.high))
         self._normalizer: VecNormalize | None = model.get_vec_normalize_env()
 
+    def _evaluate(self) -> None:
+        # Not every time: it visits every module.
+        if self._network.training:
+            self._network.set_training_mode(False)
+
     def _inputs(self, observation: th.Tensor) -> th.Tensor:
         normalizer = self._normalizer
         if normalizer is None or not normalizer.norm_obs:
@@ -65,7 +70,7 @@ class SB3Policy:
         :param deterministic: the mode (π, η), or a sample
         :return: (a, a′), within their bounds, shape (B, q + h)
         """
-        self._network.set_training_mode(False)
+        self._evaluate()
         return self._in_env_units(self._network._predict(self._inputs(observation), deterministic))
 
     @th.enable_grad()
@@ -88,7 +93,7 @@ class SB3Policy:
         :param observation: of each, shape (B, observation dimension)
         :return: (a, a′), within their bounds, shape (B, q + h)
         """
-        self._network.set_training_mode(False)
+        self._evaluate()
 
         def act(own: dict[str, th.Tensor], inputs: th.Tensor) -> th.Tensor:
             action: th.Tensor = functional_call(self._mode, own, (inputs.unsqueeze(0),))
@@ -117,7 +122,7 @@ class SB3Policy:
 
     def _q(self, observation: th.Tensor) -> th.Tensor:
         network, inputs = self._network, self._inputs(observation)
-        network.set_training_mode(False)
+        self._evaluate()
         # SB3's critics see actions scaled to [-1, 1], which is also what actors of off-policy algorithms return.
         critic = cast("nn.Module", network.critic)
         values = critic(inputs, network._predict(inputs, deterministic=True))
