@@ -16,7 +16,18 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from helpers import ENV_ID, TruePendulum
 from sb3_hucrl import HallucinationWrapper, Optimistic
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import CEM, ICEM, ILQR, MPPI, ActionSequence, Bounds, MPCPolicy, Planner, PlanningProblem
+from sb3_hucrl.planning import (
+    CEM,
+    ICEM,
+    ILQR,
+    MPPI,
+    ActionSequence,
+    Bounds,
+    ImaginedReturns,
+    MPCPolicy,
+    Planner,
+    PlanningProblem,
+)
 from sb3_hucrl.tasks import PendulumTask
 
 RIGHT_OF_UPRIGHT = (0.3, 0.0)
@@ -49,7 +60,7 @@ class Nothing:
 
 @pytest.mark.parametrize(
     "planner",
-    [CEM(100, 3, 10), ICEM(50, 3, 10), MPPI(200, 3, temperature=0.5), ILQR(3, num_particles=16)],
+    [CEM(100, 3, 10), ICEM(50, 3, 10), MPPI(200, 3, temperature=0.5), ILQR(1, num_particles=16)],
     ids=["cem", "icem", "mppi", "ilqr"],
 )
 def test_a_leaning_pendulum_is_caught_in_all_environments(planner: Planner) -> None:
@@ -58,6 +69,28 @@ def test_a_leaning_pendulum_is_caught_in_all_environments(planner: Planner) -> N
     falling, caught = (evaluate_policy(player, envs, 3, return_episode_rewards=True)[0] for player in players)
     assert np.max(falling) < 12
     assert np.min(caught) > 20
+
+
+@pytest.mark.parametrize(
+    "planner",
+    [
+        CEM(200, 20, 20, noise_exponent=2.0),
+        ICEM(200, 15, 20),
+        MPPI(400, 10, temperature=1.0, noise_exponent=2.0),
+        ILQR(10, num_particles=500),
+    ],
+    ids=["cem", "icem", "mppi", "ilqr"],
+)
+def test_a_single_plan_with_the_true_dynamics_swings_the_real_pendulum_up(planner: Planner) -> None:
+    problem = policy(planner, horizon=150)._problem
+    generator = th.Generator().manual_seed(0)
+    objective = ImaginedReturns(problem, th.tensor([[np.pi, 0.0]]), generator)
+    plan = planner.plan(objective, problem.variables.fresh(1), problem.variables.bounds, generator)
+    env = HallucinationWrapper(gym.make(ENV_ID, action_penalty=0.0))
+    env.reset()
+    rewards = [float(env.step(action)[1]) for action in plan.actions[0].numpy()]
+    assert sum(rewards) > 5
+    assert sum(rewards) == pytest.approx(plan.returns.item(), rel=0.05)
 
 
 def test_a_single_observation_gives_a_single_action() -> None:

@@ -148,9 +148,11 @@ def _box_step(
         right = th.cat([gradient.unsqueeze(2) + hessian @ fixed.unsqueeze(2), cross], dim=2) * free.unsqueeze(2)
         solution = -th.linalg.solve(th.where(both_free, hessian, identity), right)
         offset = fixed + solution[..., 0]
-        inside = (offset >= low) & (offset <= high)
+        still_free = free & (offset >= low) & (offset <= high)
         offset = offset.clamp(low, high)
-        free = free & inside
+        if th.equal(still_free, free):
+            break
+        free = still_free
     return offset, solution[..., 1:] * free.unsqueeze(2)
 
 
