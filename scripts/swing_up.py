@@ -31,10 +31,10 @@ ENV_ID = "HUCRL-Pendulum-v0"
 #: noise that moves far, which a reward so far away needs
 PLANNERS: dict[str, dict[str, Any]] = {
     "random_shooting": {"num_particles": 500, "noise_exponent": 2.0},
-    "cem": {"num_particles": 100, "num_elites": 10, "num_iterations": 4, "noise_exponent": 2.0},
+    "cem": {"num_particles": 100, "num_elites": 10, "num_iterations": 3, "noise_exponent": 2.0},
     "icem": {"num_particles": 64, "num_elites": 10, "num_iterations": 3},
     "mppi": {"num_particles": 200, "num_iterations": 3, "temperature": 1.0, "noise_exponent": 2.0},
-    "ilqr": {"num_particles": 64, "num_iterations": 3},
+    "ilqr": {"num_particles": 64, "num_iterations": 1},
 }
 
 
