@@ -51,17 +51,16 @@ def policy_actor(model: BaseAlgorithm, deterministic: bool) -> BatchActor:
     return act
 
 
-def planner_actor(planner: MPCPolicy, deterministic: bool) -> BatchActor:
+def planner_actor(planner: MPCPolicy) -> BatchActor:
     """
     :param planner: sees observations as the environment gives them
-    :param deterministic: whether Dyna-MPC plans around the policy's mode, or around a sample of it
     :return: acts for a batch, which keeps its size until a new actor is made
     """
     proposal = None
 
     def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
         nonlocal proposal
-        actions, proposal = planner.predict(observations, proposal, first, deterministic)
+        actions, proposal = planner.predict(observations, proposal, first)
         return actions
 
     return act

@@ -15,14 +15,14 @@ from stable_baselines3.common.logger import CSVOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_hucrl.actors import one_by_one, planner_actor, policy_actor, random_actor
+from sb3_hucrl.actors import BatchActor, one_by_one, planner_actor, policy_actor, random_actor
 from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.checkpoint import save_atomically
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DynamicsModel, FitReport, Predictor, make_dynamics, require_known
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.imagination import Imagination
-from sb3_hucrl.planning import MPCPolicy, PlanningRecipe, planning_settings
+from sb3_hucrl.planning import HMPCSettings, MPCPolicy, PlanningRecipe, planning_settings
 from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.report import record_fit
 from sb3_hucrl.rollout import collect_episode, imagine_episode
@@ -75,7 +75,8 @@ class HUCRLCallback(BaseCallback):
         :data:`sb3_hucrl.planning.PLANNERS`), instead of playing the policy: H-MPC
     :param planner_kwargs: ``horizon``, ``gamma`` and ``rollouts`` of :class:`sb3_hucrl.planning.HMPCSettings`, and the
         planner's own arguments
-    :param dyna_mpc: arguments of :class:`sb3_hucrl.planning.DynaMPCSettings`, to plan around the policy
+    :param dyna_mpc: arguments of :class:`sb3_hucrl.planning.DynaMPCSettings`, to plan around the policy in the real
+        episodes that play its mode
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
@@ -283,7 +284,7 @@ class HUCRLCallback(BaseCallback):
         if self.planning is None:
             return
         recipe = PlanningRecipe(self.planning, self.strategy, self._task)
-        self._planner = recipe.build(predictor, self._action_box, self.model, self._state.draw_seed())
+        self._planner = recipe.build(predictor, self._action_box, self.model, self._state.fork_seed())
         if isinstance(self.model, HMPC):
             self.model.recipe, self.model.planner = recipe, self._planner
 
@@ -305,14 +306,19 @@ class HUCRLCallback(BaseCallback):
         search_seconds = time.perf_counter() - self._clock
         started = time.perf_counter()
         for _ in range(self.real_episodes):
-            if self._planner is None:
+            act = self._planned(deterministic)
+            if act is None:
                 act = policy_actor(self.model, deterministic)
                 self._state.imagined_episodes.append(imagine_episode(self._from_real_starts(1), act, self._action_dim))
                 act = policy_actor(self.model, deterministic)
-            else:
-                act = planner_actor(self._planner, deterministic)
             self._append(collect_episode(self._real_env, one_by_one(act), self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
+
+    def _planned(self, deterministic: bool) -> BatchActor | None:
+        # Dyna-MPC refines the policy's mode. An episode that samples the policy explores, and it would undo that.
+        if self._planner is None or not (deterministic or isinstance(self.planning, HMPCSettings)):
+            return None
+        return planner_actor(self._planner)
 
     def _from_real_starts(self, num_envs: int) -> Imagination:
         """Trajectories of what the search imagined, from where real episodes begin."""

@@ -48,6 +48,12 @@ class HUCRLState:
         """A fresh seed for whatever needs a generator of its own."""
         return int(th.randint(2**31, (), generator=self.generator))
 
+    def fork_seed(self) -> int:
+        """A seed that leaves what is drawn later as it is, for what comes on top of a run and shall not change it."""
+        fork = th.Generator()
+        fork.set_state(self.generator.get_state())
+        return int(th.randint(2**31, (), generator=fork))
+
 
 def get_state(model: BaseAlgorithm) -> HUCRLState | None:
     """

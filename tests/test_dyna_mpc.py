@@ -15,6 +15,7 @@ from helpers import TruePendulum, imagination_env, small_callback, small_sac
 from sb3_hucrl import Optimistic
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
 from sb3_hucrl.planning import DynaMPCSettings, HMPCSettings, MPCPolicy, PolicyParameters, SB3Policy, planning_settings
+from sb3_hucrl.state import get_state
 from sb3_hucrl.tasks import PendulumTask
 
 LEANING = np.array([[math.sin(0.3), math.cos(0.3), 0.0], [0.0, -1.0, 0.0]], np.float32)
@@ -61,16 +62,6 @@ def test_planning_improves_on_an_untrained_policy(space: str) -> None:
     assert returns[1] > returns[0] + 5
 
 
-def test_a_sample_of_the_policy_is_planned_around() -> None:
-    model = small_sac()
-    built = planner(model, std=1e-6, samples=2)
-    mode, _ = built.predict(LEANING, deterministic=True)
-    np.testing.assert_allclose(mode, model.predict(LEANING, deterministic=True)[0], atol=1e-4)
-    sample, _ = built.predict(LEANING, deterministic=False)
-    assert np.abs(sample - mode).max() > 0.05
-    assert (np.abs(sample) <= 1).all()
-
-
 def test_changed_parameters_are_kept_for_the_next_step() -> None:
     policy = SB3Policy(small_sac())
     variables = PolicyParameters(5, policy, PendulumTask(), std=0.1)
@@ -82,17 +73,21 @@ def test_changed_parameters_are_kept_for_the_next_step() -> None:
     assert th.equal(shifted.std, fresh.std)
 
 
-def test_the_callback_plans_its_real_episodes() -> None:
-    model = small_sac(imagination_env(max_episode_steps=40))
-    callback = small_callback(dyna_mpc={"horizon": 2, "samples": 4})
-    model.learn(160, callback)
-    assert model.hucrl.real_episodes == 3  # type: ignore[attr-defined]  # attached by the callback
-    assert callback._planner is not None
-    # The real actions are not those of the policy.
-    states = model.hucrl.dataset.transitions[slice(80, 120)]  # type: ignore[attr-defined]  # as above
-    played = states.actions.numpy()
-    observations = PendulumTask().observe(states.states).numpy()
-    assert np.abs(played - model.predict(observations, deterministic=True)[0][:, :1]).max() > 1e-3
+def test_planning_starts_with_the_mode_and_changes_nothing_before() -> None:
+    datasets = []
+    for dyna_mpc in (None, {"horizon": 2, "samples": 4}):
+        model = small_sac(imagination_env(max_episode_steps=40))
+        model.learn(320, small_callback(dyna_mpc=dyna_mpc))
+        state = get_state(model)
+        assert state is not None
+        # One random episode, one that samples the policy, three that play or refine its mode.
+        assert state.real_episodes == 5
+        assert len(state.imagined_episodes) == (4 if dyna_mpc is None else 1)
+        datasets.append(state.dataset.transitions.actions)
+    plain, planned = datasets
+    before = slice(0, 80)
+    assert th.equal(plain[before], planned[before])
+    assert (plain[80:120] - planned[80:120]).abs().max() > 1e-3
 
 
 def test_bad_settings_say_what_to_do() -> None:

@@ -41,8 +41,7 @@ class MPCPolicy:
             without B
         :param state: what the last call returned, or None
         :param episode_start: where an episode begins, and the last plan is of no use, shape (B,)
-        :param deterministic: whether Dyna-MPC plans around the policy's mode, or around a sample of it. H-MPC always
-            follows its best plan
+        :param deterministic: without effect: the best plan is always followed
         :return: the actions (a, a′), shape (B, q + h), or of a single environment (q + h,); and the next ``state``
         """
         system, variables = self._problem.system, self._problem.variables
@@ -54,9 +53,6 @@ class MPCPolicy:
         if episode_start is not None:
             begun = th.as_tensor(episode_start, device=system.device)
             proposal = proposal.restarted(begun, fresh)
-        if not deterministic:
-            with th.no_grad():
-                proposal = variables.explore(proposal, states)
         objective = ImaginedReturns(self._problem, states, self._generator)
         plan = self._planner.plan(objective, proposal, variables.bounds, self._generator)
         with th.no_grad():

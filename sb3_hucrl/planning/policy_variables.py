@@ -41,12 +41,6 @@ class PolicyNoise(DecisionVariables):
         # What the last plan knew better than the policy held where the environment was then.
         return self.fresh(len(proposal.mean))
 
-    def explore(self, proposal: Proposal, states: th.Tensor) -> Proposal:
-        observation = self._task.observe(states)
-        mean = proposal.mean.clone()
-        mean[:, 0] = self._policy.act(observation, deterministic=False) - self._policy.act(observation)
-        return Proposal(mean, proposal.std, kept=mean.unsqueeze(1))
-
     def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
         return self._actions.clip(self._policy.act(self._task.observe(state)) + value)
 

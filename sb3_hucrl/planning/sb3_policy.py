@@ -64,14 +64,15 @@ class SB3Policy:
             -normalizer.clip_obs, normalizer.clip_obs
         )
 
-    def act(self, observation: th.Tensor, deterministic: bool = True) -> th.Tensor:
+    def act(self, observation: th.Tensor) -> th.Tensor:
         """
+        The mode (π, η).
+
         :param observation: shape (B, observation dimension)
-        :param deterministic: the mode (π, η), or a sample
         :return: (a, a′), within their bounds, shape (B, q + h)
         """
         self._evaluate()
-        return self._in_env_units(self._network._predict(self._inputs(observation), deterministic))
+        return self._in_env_units(self._mode(self._inputs(observation)))
 
     @th.enable_grad()
     def acting_parameters(self) -> dict[str, th.Tensor]:
@@ -125,7 +126,7 @@ class SB3Policy:
         self._evaluate()
         # SB3's critics see actions scaled to [-1, 1], which is also what actors of off-policy algorithms return.
         critic = cast("nn.Module", network.critic)
-        values = critic(inputs, network._predict(inputs, deterministic=True))
+        values = critic(inputs, self._mode(inputs))
         if isinstance(values, th.Tensor):  # TQC's quantiles, shape (B, critics, quantiles)
             return self._unscaled(values.mean(dim=(1, 2)))
         return self._unscaled(th.cat(values, dim=1).amin(dim=1))

@@ -39,14 +39,6 @@ class DecisionVariables(ABC):
         """
         return proposal.shifted(self.fresh(len(proposal.mean)))
 
-    def explore(self, proposal: Proposal, states: th.Tensor) -> Proposal:
-        """
-        :param proposal: where a search is about to begin, for B environments
-        :param states: where they are, shape (B, p + c)
-        :return: the same, moved at random if the variables have a randomness of their own
-        """
-        return proposal
-
     @abstractmethod
     def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
         """
