@@ -1,4 +1,4 @@
-"""Every algorithm of SB3, sb3-contrib and sbx runs the loop unmodified."""
+"""Every algorithm of SB3, sb3-contrib, sbx and this package runs the loop unmodified."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from helpers import imagination_env, small_callback
+from sb3_hucrl.algorithms import MPO
 from sb3_hucrl.parameters import Parameters
 from sb3_hucrl.state import get_state
 
@@ -33,6 +34,7 @@ ALGORITHMS: dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]] = {
     "trpo": (TRPO, "MlpPolicy", {**ON_POLICY, **SMALL, "batch_size": 20}),
     "ppo_lstm": (RecurrentPPO, "MlpLstmPolicy", {**ON_POLICY, "policy_kwargs": {"lstm_hidden_size": 8}}),
     "ars": (ARS, "LinearPolicy", {"n_delta": 2}),
+    "mpo": (MPO, "MlpPolicy", {**OFF_POLICY, **SMALL, "num_samples": 4}),
     "sbx_sac": (sbx.SAC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
     "sbx_td3": (sbx.TD3, "MlpPolicy", {**OFF_POLICY, **SMALL}),
     "sbx_tqc": (sbx.TQC, "MlpPolicy", {**OFF_POLICY, **SMALL}),

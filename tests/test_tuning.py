@@ -13,6 +13,8 @@ import yaml
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
+from rl_zoo3.utils import ALGOS
 
 from helpers import ENV_ID
 from sb3_hucrl.zoo.tuning import CALLBACK, apply, callback_settings, suggest, use_trial, with_settings
@@ -53,6 +55,17 @@ def test_where_actions_are_planned_the_planners_horizon_is_drawn() -> None:
     }
     tuned = apply(settings, params)
     assert tuned["planner_kwargs"] == {"num_particles": 64, "horizon": params["hucrl_planner_horizon"]}
+
+
+@pytest.mark.parametrize("algo", ["hmpc", "mpo"])
+def test_what_is_drawn_for_our_own_algorithms_are_their_arguments(algo: str) -> None:
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+    additional = {"using_her_replay_buffer": False, "her_kwargs": {}}
+    trial = study.ask()
+    sampled = HYPERPARAMS_SAMPLER[algo](trial, 3, 32, additional)
+    model = ALGOS[algo]("MlpPolicy" if algo == "mpo" else "NoPolicy", "Pendulum-v1", device="cpu", **sampled)
+    assert all(getattr(model, name) == value for name, value in sampled.items() if name != "train_freq")
+    assert HYPERPARAMS_CONVERTER[algo](trial.params) == sampled
 
 
 def test_our_settings_are_drawn_and_put_where_they_belong() -> None:

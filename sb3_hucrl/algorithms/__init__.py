@@ -1,5 +1,6 @@
 """What SB3 has no algorithm for."""
 
 from sb3_hucrl.algorithms.hmpc import HMPC
+from sb3_hucrl.algorithms.mpo import MPO
 
-__all__ = ["HMPC"]
+__all__ = ["HMPC", "MPO"]
