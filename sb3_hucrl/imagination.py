@@ -70,7 +70,7 @@ class Imagination:
             raise ValueError(f"horizon is {horizon}: imagined trajectories need at least 1 step")
         self.horizon = horizon
         self.num_envs = num_envs
-        self._system = HallucinatedSystem(model, strategy, task, action_space)
+        self.system = HallucinatedSystem(model, strategy, task, action_space)
         self._task, self._starts = task, starts
         self._device = model.device
         self._max_epistemic_std = max_epistemic_std
@@ -149,7 +149,7 @@ class Imagination:
         if len(self._states) == 0:
             raise RuntimeError("call reset() before step()")
         action = th.as_tensor(actions, device=self._device, dtype=th.float32)
-        stepped = self._system.step(self._states, action, self._noise_generator, plausible=self._range)
+        stepped = self.system.step(self._states, action, self._noise_generator, plausible=self._range)
         rewards = stepped.total_reward.cpu().numpy()
         step = ImaginedStep(
             observations=self._task.observe(stepped.next_state).cpu().numpy(),
@@ -157,7 +157,7 @@ class Imagination:
             terminated=stepped.terminated.cpu().numpy(),
             truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(stepped.prediction),
         )
-        self._states = self._system.forget_outcomes(stepped.next_state)
+        self._states = self.system.forget_outcomes(stepped.next_state)
         self._epistemic_sum += stepped.prediction.epistemic_std
         self._num_steps += 1
         self.lengths += 1

@@ -1,6 +1,8 @@
 """What SB3 has no algorithm for."""
 
+from sb3_hucrl.algorithms.hbptt import HBPTT
 from sb3_hucrl.algorithms.hmpc import HMPC
+from sb3_hucrl.algorithms.hmve import HMVE
 from sb3_hucrl.algorithms.mpo import MPO
 
-__all__ = ["HMPC", "MPO"]
+__all__ = ["HBPTT", "HMPC", "HMVE", "MPO"]

@@ -181,6 +181,7 @@ def _best(rollout: Rollout, num_envs: int) -> Rollout:
     return Rollout(
         states=[each[rows] for each in rollout.states],
         values=[each[rows] for each in rollout.values],
+        rewards=[each[rows] for each in rollout.rewards],
         discounts=[each[rows] for each in rollout.discounts],
         returns=rollout.returns[rows],
     )
@@ -191,6 +192,7 @@ def _where(condition: th.Tensor, one: Rollout, other: Rollout) -> Rollout:
     return Rollout(
         states=[th.where(rows, *each) for each in zip(one.states, other.states, strict=True)],
         values=[th.where(rows, *each) for each in zip(one.values, other.values, strict=True)],
+        rewards=[th.where(condition, *each) for each in zip(one.rewards, other.rewards, strict=True)],
         discounts=[th.where(condition, *each) for each in zip(one.discounts, other.discounts, strict=True)],
         returns=th.where(condition, one.returns, other.returns),
     )

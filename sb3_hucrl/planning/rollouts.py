@@ -47,12 +47,14 @@ class Rollout:
 
     :param states: s_0 to s_N, each of shape (M, p + c)
     :param values: x_0 to x_{N-1}, each of shape (M, k)
+    :param rewards: γ^n r_n, n from 0 to N - 1, each of shape (M,)
     :param discounts: γ^n until a trajectory has ended and 0 after it, n from 0 to N, each of shape (M,)
     :param returns: shape (M,)
     """
 
     states: list[th.Tensor]
     values: list[th.Tensor]
+    rewards: list[th.Tensor]
     discounts: list[th.Tensor]
     returns: th.Tensor
 
@@ -73,18 +75,21 @@ def roll_out(
     """
     system = problem.system
     total = th.zeros(len(state), device=state.device, dtype=state.dtype)
-    states, values, discounts = [state], [], [th.ones_like(total)]
+    states, discounts = [state], [th.ones_like(total)]
+    values: list[th.Tensor] = []
+    rewards: list[th.Tensor] = []
     for n in range(problem.variables.horizon):
         values.append(choose(n, state))
         step = system.step(state, problem.variables.action(values[-1], state), generator)
-        total = total + discounts[-1] * step.total_reward
+        rewards.append(discounts[-1] * step.total_reward)
+        total = total + rewards[-1]
         # Nothing is earned after the end.
         discounts.append(problem.gamma * discounts[-1] * ~step.terminated)
         state = system.forget_outcomes(step.next_state)
         states.append(state)
     if problem.terminal_value is not None:
         total = total + discounts[-1] * problem.terminal_value(system.task.observe(state))
-    return Rollout(states, values, discounts, total)
+    return Rollout(states, values, rewards, discounts, total)
 
 
 class ImaginedReturns:

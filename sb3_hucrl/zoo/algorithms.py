@@ -1,14 +1,15 @@
-"""This package's own algorithms as rl_zoo3 algorithms: ``--algo hmpc`` and ``--algo mpo``."""
+"""This package's own algorithms as rl_zoo3 algorithms: ``--algo mpo`` and so on."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import optuna
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import ALGOS
 
-from sb3_hucrl.algorithms import HMPC, MPO
+from sb3_hucrl.algorithms import HBPTT, HMPC, HMVE, MPO
 
 
 def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
@@ -21,28 +22,51 @@ def nothing_to_convert(sampled_params: dict[str, Any]) -> dict[str, Any]:
     return {}
 
 
-def sample_mpo_params(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
+def with_sac_params(more: Callable[[optuna.Trial], dict[str, Any]]) -> Callable[..., dict[str, Any]]:
     """
-    What SAC has, and MPO's trust region.
+    :param more: draws an algorithm's own hyperparameters
+    :return: draws them and those of SAC, which all our policy searches share
+    """
 
-    :param trial: gets the parameters
-    :param n_actions: dimensions of the action
-    :param n_envs: number of environments
-    :param additional_args: rl_zoo3's own
-    """
-    hyperparams: dict[str, Any] = HYPERPARAMS_SAMPLER["sac"](trial, n_actions, n_envs, additional_args)
-    hyperparams["epsilon"] = trial.suggest_float("epsilon", 0.03, 1.0, log=True)
-    hyperparams["epsilon_mean"] = trial.suggest_float("epsilon_mean", 1e-3, 0.3, log=True)
-    hyperparams["epsilon_std"] = trial.suggest_float("epsilon_std", 1e-5, 1e-2, log=True)
-    hyperparams["policy_interval"] = trial.suggest_int("policy_interval", 10, 300, log=True)
-    return hyperparams
+    def sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
+        shared: dict[str, Any] = HYPERPARAMS_SAMPLER["sac"](trial, n_actions, n_envs, additional_args)
+        return {**shared, **more(trial)}
+
+    return sample
+
+
+def sample_mpo_params(trial: optuna.Trial) -> dict[str, Any]:
+    """MPO's trust region."""
+    return {
+        "epsilon": trial.suggest_float("epsilon", 0.03, 1.0, log=True),
+        "epsilon_mean": trial.suggest_float("epsilon_mean", 1e-3, 0.3, log=True),
+        "epsilon_std": trial.suggest_float("epsilon_std", 1e-5, 1e-2, log=True),
+        "policy_interval": trial.suggest_int("policy_interval", 10, 300, log=True),
+    }
+
+
+def sample_hbptt_params(trial: optuna.Trial) -> dict[str, Any]:
+    """H-BPTT's horizon and trust."""
+    return {
+        "horizon": trial.suggest_int("horizon", 1, 30, log=True),
+        "kl_weight": trial.suggest_float("kl_weight", 1e-4, 1.0, log=True),
+    }
+
+
+def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
+    """H-MVE's expansion."""
+    return {
+        "horizon": trial.suggest_int("horizon", 1, 20, log=True),
+        "weighting": trial.suggest_categorical("weighting", ["none", "steve"]),
+    }
 
 
 def register_algorithms() -> None:
     """Make them known to rl_zoo3."""
-    ALGOS["hmpc"] = HMPC
+    ALGOS.update(hmpc=HMPC, mpo=MPO, hbptt=HBPTT, hmve=HMVE)
     HYPERPARAMS_SAMPLER["hmpc"] = nothing_to_sample
     HYPERPARAMS_CONVERTER["hmpc"] = nothing_to_convert
-    ALGOS["mpo"] = MPO
-    HYPERPARAMS_SAMPLER["mpo"] = sample_mpo_params
-    HYPERPARAMS_CONVERTER["mpo"] = HYPERPARAMS_CONVERTER["sac"]
+    searches = {"mpo": sample_mpo_params, "hbptt": sample_hbptt_params, "hmve": sample_hmve_params}
+    for name, sample in searches.items():
+        HYPERPARAMS_SAMPLER[name] = with_sac_params(sample)
+        HYPERPARAMS_CONVERTER[name] = HYPERPARAMS_CONVERTER["sac"]

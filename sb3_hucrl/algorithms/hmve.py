@@ -1,0 +1,131 @@
+"""Hallucinated model-based value expansion."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import torch as th
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
+from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.sac.policies import SACPolicy
+
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
+
+#: of a horizon's variance, so that one that is certain by chance does not count alone
+SMALLEST_VARIANCE = 1e-8
+
+
+class ExpandedReplayBuffer(ReplayBuffer):
+    """
+    Another replay buffer, of whose transitions only state and action count: what follows them is imagined.
+
+    :param original: gives states and actions
+    :param algorithm: imagines
+    """
+
+    def __init__(self, original: ReplayBuffer, algorithm: HMVE) -> None:
+        # Not initialised as a buffer: it stores nothing itself.
+        self._original, self._algorithm = original, algorithm
+
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:  # type: ignore[override]
+        return self._algorithm.expand(self._original.sample(batch_size, env))
+
+
+class HMVE(SAC):
+    """
+    H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps and the critics' target after them. What SAC
+    replays are states of the hallucinated data, or, with ``real_data_fraction: 1``, of real ones alone.
+
+    As in SB3's replay of several steps, the entropy of the steps in between counts nothing.
+
+    :param policy: ``"MlpPolicy"``
+    :param env: around which is an ImaginationVecEnv
+    :param horizon: N
+    :param weighting: ``"none"`` expands by N steps; ``"steve"`` by 1 to N, each as often as its target is certain: by
+        the inverse of its variance over critics and rollouts (Buckman et al. 2018)
+    :param num_rollouts: imagined from each state to estimate that variance
+    :param kwargs: of SAC
+    :raises ValueError: if a number is below 1 or the weighting unknown
+    """
+
+    def __init__(
+        self,
+        policy: str | type[SACPolicy],
+        env: GymEnv | str,
+        horizon: int = 4,
+        weighting: Literal["none", "steve"] = "none",
+        num_rollouts: int = 4,
+        **kwargs: Any,
+    ) -> None:
+        if min(horizon, num_rollouts) < 1:
+            raise ValueError(f"horizon is {horizon}, num_rollouts {num_rollouts}: give at least 1")
+        if weighting not in ("none", "steve"):
+            raise ValueError(f"unknown weighting {weighting!r}: choose 'none' or 'steve'")
+        self.horizon, self.weighting, self.num_rollouts = horizon, weighting, num_rollouts
+        super().__init__(policy, env, **kwargs)
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
+
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
+        original = self.replay_buffer
+        assert original is not None  # set up
+        self.replay_buffer = ExpandedReplayBuffer(original, self)
+        try:
+            super().train(gradient_steps, batch_size)
+        finally:
+            self.replay_buffer = original
+
+    @th.no_grad()
+    def expand(self, data: ReplayBufferSamples) -> ReplayBufferSamples:
+        """
+        Lines 7 to 11 of Algorithm 5, as a transition of several steps.
+
+        :param data: B transitions, of which states and actions count
+        :return: the same states and actions, with the discounted reward of the imagined steps, the observation after
+            them, and the discount of what follows
+        """
+        steve = self.weighting == "steve"
+        count = self.num_rollouts if steve else 1
+        observations, actions = (each.repeat_interleave(count, dim=0) for each in (data.observations, data.actions))
+        system = imagined_system(self)
+        rollout = imagine(
+            system, observations, self._sample, self.horizon, self.gamma, self._generator, first_actions=actions
+        )
+        observed = th.stack([system.task.observe(state) for state in rollout.states[1:]])
+        discounts, rewards = th.stack(rollout.discounts[1:]), th.stack(rollout.rewards).cumsum(dim=0)
+        lengths = th.full((len(data.actions),), self.horizon - 1, device=self.device)
+        if steve:
+            lengths = self._certain_lengths(observed, discounts, rewards, count)
+        rows = th.arange(len(lengths), device=self.device)
+        return data._replace(
+            next_observations=observed[lengths, rows * count],
+            dones=th.zeros_like(data.dones),
+            rewards=rewards[lengths, rows * count].unsqueeze(1),
+            discounts=discounts[lengths, rows * count].unsqueeze(1),
+        )
+
+    def _sample(self, observations: th.Tensor) -> th.Tensor:
+        return self.actor(observations)
+
+    def _certain_lengths(self, observed: th.Tensor, discounts: th.Tensor, rewards: th.Tensor, count: int) -> th.Tensor:
+        """
+        Draw for each of B states how far to expand it. The mean over the draws is STEVE's weighted target.
+
+        :param observed: after 1 to N steps, shape (N, B · count, observation dimension)
+        :param discounts: of what follows them, shape (N, B · count)
+        :param rewards: until then, shape (N, B · count)
+        :param count: rollouts per state
+        :return: numbers of steps, less 1, shape (B,)
+        """
+        flat = observed.flatten(0, 1)
+        values = th.stack(self.critic_target(flat, self._sample(flat)), dim=0).view(-1, *rewards.shape)
+        targets = (rewards + discounts * values).unflatten(2, (-1, count))
+        variance = targets.permute(1, 2, 0, 3).flatten(2).var(dim=2) + SMALLEST_VARIANCE
+        return th.multinomial((1 / variance).T, 1, generator=self._generator).squeeze(1)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_generator"]

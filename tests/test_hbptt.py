@@ -1,0 +1,102 @@
+"""H-BPTT: its gradient, and its trust in the last policy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch as th
+from stable_baselines3.common.vec_env import VecNormalize
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from helpers import TruePendulum, hanging_start, imagination_env, small_callback
+from sb3_hucrl import ImaginationVecEnv, Optimistic
+from sb3_hucrl.algorithms import HBPTT
+from sb3_hucrl.tasks import PendulumTask
+
+
+class Noisy(TruePendulum):
+    """The true mean, with both kinds of uncertainty."""
+
+    def predict(self, state: th.Tensor, action: th.Tensor) -> Any:
+        mean = self.step(state, action)
+        prediction = super().predict(state, action)
+        return type(prediction)(mean, 0.05 + 0.1 * state.cos().square(), th.full_like(mean, 0.02))
+
+
+def hbptt(env: Any = None, **kwargs: Any) -> HBPTT:
+    settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}}
+    return HBPTT("MlpPolicy", env or imagination_env(), seed=0, device="cpu", **{**settings, **kwargs})
+
+
+def imagining(**kwargs: Any) -> HBPTT:
+    env = imagination_env()
+    env.imagine(Noisy(), Optimistic(), PendulumTask(0.2), 100, hanging_start())
+    return hbptt(env, **kwargs)
+
+
+@pytest.mark.parametrize("horizon", [1, 6])
+def test_the_gradient_is_that_of_finite_differences(horizon: int) -> None:
+    model = imagining(horizon=horizon, gamma=0.9)
+    angles = th.linspace(-0.6, 0.6, 64)
+    observations = PendulumTask().observe(th.stack([angles, 0.5 * angles], dim=1))
+    parameters = list(model.policy.actor.parameters())
+
+    def performance() -> th.Tensor:
+        th.manual_seed(0)
+        model._generator.manual_seed(0)
+        return model.performance(observations)[0]
+
+    start = parameters_to_vector(parameters).detach().clone()
+    gradient = parameters_to_vector(th.autograd.grad(performance(), parameters))
+    generator = th.Generator().manual_seed(1)
+    for _ in range(3):
+        direction = th.randn(len(start), generator=generator)
+        direction = direction / direction.norm() + gradient / gradient.norm()
+        values = []
+        for size in (1e-2, -1e-2):
+            vector_to_parameters(start + size * direction, parameters)
+            values.append(performance().item())
+        assert (gradient @ direction).item() == pytest.approx((values[0] - values[1]) / 2e-2, rel=0.03)
+
+
+def test_the_divergence_is_from_the_policy_of_the_last_search() -> None:
+    model = imagining(horizon=3, learning_starts=0, kl_weight=0.0, learning_rate=1e-2)
+    observations = PendulumTask().observe(th.tensor([[0.1, 0.0], [math.pi, 0.0]]))
+    assert model.performance(observations)[1].item() == pytest.approx(0.0, abs=1e-6)
+    model.learn(80)
+    assert model.performance(observations)[1].item() > 1e-3
+
+
+def test_its_price_holds_the_policy_back() -> None:
+    moved = []
+    for weight in (0.0, 100.0):
+        model = imagining(horizon=3, learning_starts=0, kl_weight=weight, learning_rate=1e-3)
+        before = parameters_to_vector(model.policy.actor_target.parameters()).clone()
+        model.learn(120)
+        assert th.equal(parameters_to_vector(model.policy.actor_target.parameters()), before)
+        moved.append((parameters_to_vector(model.policy.actor.parameters()) - before).norm().item())
+    assert moved[1] < 0.5 * moved[0]
+
+
+def test_a_new_search_trusts_the_policy_that_the_last_one_found() -> None:
+    model = hbptt(learning_starts=0, horizon=2)
+    model.learn(160, callback=small_callback())
+    found = parameters_to_vector(model.policy.actor.parameters())
+    last = parameters_to_vector(model.policy.actor_target.parameters())
+    assert not th.equal(found, last)
+    model.learn(80, callback=small_callback())
+    assert not th.equal(last, parameters_to_vector(model.policy.actor_target.parameters()))
+
+
+def test_what_it_cannot_look_into_is_said() -> None:
+    with pytest.raises(ValueError, match="callback=HUCRLCallback"):
+        hbptt(learning_starts=0).learn(20)
+    with pytest.raises(ValueError, match="use no VecNormalize"):
+        hbptt(VecNormalize(imagination_env()), learning_starts=0).learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="at least 1 and 0"):
+        hbptt(horizon=0)
+    assert isinstance(hbptt().get_env(), ImaginationVecEnv)
+    assert np.isfinite(hbptt().predict(np.zeros(3, np.float32))[0]).all()
