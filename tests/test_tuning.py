@@ -64,7 +64,8 @@ def test_what_is_drawn_for_our_own_algorithms_are_their_arguments(algo: str) -> 
     additional = {"using_her_replay_buffer": False, "her_kwargs": {}}
     trial = study.ask()
     sampled = HYPERPARAMS_SAMPLER[algo](trial, 3, 32, additional)
-    model = ALGOS[algo]("NoPolicy" if algo == "hmpc" else "MlpPolicy", "Pendulum-v1", device="cpu", **copy.deepcopy(sampled))
+    policy = "NoPolicy" if algo == "hmpc" else "MlpPolicy"
+    model = ALGOS[algo](policy, "Pendulum-v1", device="cpu", **copy.deepcopy(sampled))
     chosen = sampled.keys() - {"train_freq", "policy_kwargs"}
     assert all(getattr(model, name) == sampled[name] for name in chosen)
     assert HYPERPARAMS_CONVERTER[algo](trial.params) == sampled
