@@ -159,6 +159,21 @@ def test_every_iteration_improves_the_plan_or_keeps_it() -> None:
     assert (returns[-1] > returns[0]).any()
 
 
+def test_a_step_on_which_the_model_diverges_is_not_taken() -> None:
+    class Cliff(Quadratic):
+        """Beyond where Riccati's solution would go there is nothing."""
+
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            reward = super().reward(state, action, next_state)
+            return th.where(action[:, 0] < -1.0, th.inf, reward)
+
+    problem = regulator(limit=100.0)
+    system = HallucinatedSystem(Linear(2, 1), Optimistic(0.0), Cliff(), spaces.Box(-100.0, 100.0, (3,)))
+    plan = solve(PlanningProblem(system, problem.variables), ILQR(num_particles=0))
+    assert th.isfinite(plan.returns).all()
+    assert (plan.actions[..., 0] >= -1.0).all()
+
+
 def test_what_cannot_be_differentiated_is_said() -> None:
     class Sparse(PendulumTask):
         def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:

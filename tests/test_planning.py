@@ -204,6 +204,22 @@ def test_bad_settings_say_what_to_do() -> None:
         make_planner("cme")
 
 
-def test_a_return_that_is_not_finite_stops_the_plan() -> None:
-    with pytest.raises(ValueError, match="planned return is not finite"):
+@pytest.mark.parametrize("name", ["random_shooting", "cem", "icem", "mppi"])
+def test_plans_on_which_the_model_diverges_are_not_followed(name: str) -> None:
+    optimum = optima(2, 3)
+
+    def diverges_left(actions: th.Tensor) -> th.Tensor:
+        returns = quadratic(optimum)(actions)
+        return th.where(actions[:, :, 0, 0] < 0, th.inf, returns)
+
+    planner = make_planner(name)
+    assert isinstance(planner, ShootingPlanner)
+    plan = planner.plan(diverges_left, ActionSequence(3, BOUNDS).fresh(2), BOUNDS, generator())
+    assert (plan.actions[:, 0, 0] >= 0).all()
+    assert th.isfinite(plan.returns).all()
+    assert th.isfinite(plan.proposal.mean).all()
+
+
+def test_a_model_that_always_diverges_stops_the_plan() -> None:
+    with pytest.raises(ValueError, match="no planned return is finite"):
         CEM().plan(lambda actions: actions.sum(dim=(2, 3)) / 0, ActionSequence(2, BOUNDS).fresh(1), BOUNDS, generator())

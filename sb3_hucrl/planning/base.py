@@ -142,7 +142,7 @@ class Planner(ABC):
         :param bounds: of the decision variables
         :param generator: the source of the planner's own randomness, on the proposal's device
         :return: the best plan that was found
-        :raises ValueError: if a return is not finite
+        :raises ValueError: if no return is finite
         """
 
 
@@ -213,8 +213,7 @@ class ShootingPlanner(Planner):
         best: Plan | None = None
         for iteration in range(self.num_iterations):
             actions = bounds.clip(self.sample(proposal, iteration, generator))
-            returns = objective(actions)
-            require_finite(returns)
+            returns = without_diverged(objective(actions))
             particles = Particles(actions, returns)
             proposal = self.update_distribution(proposal, self.elite_actions(particles))
             best = _better(best, particles, proposal)
@@ -222,16 +221,19 @@ class ShootingPlanner(Planner):
         return best
 
 
-def require_finite(returns: th.Tensor) -> None:
+def without_diverged(returns: th.Tensor) -> th.Tensor:
     """
-    :param returns: of plans
-    :raises ValueError: unless all are finite
+    :param returns: of n plans for each of B environments, shape (B, n)
+    :return: the same, with -∞ for plans on which the model diverged
+    :raises ValueError: if it diverged on all plans of an environment
     """
-    if not th.isfinite(returns).all():
+    finite = th.isfinite(returns)
+    if not finite.any(dim=1).all():
         raise ValueError(
-            "a planned return is not finite: the dynamics model has diverged; shorten the planner's horizon, or "
-            "collect more real episodes"
+            "no planned return is finite: the dynamics model has diverged; shorten the planner's horizon, or collect "
+            "more real episodes"
         )
+    return returns.masked_fill(~finite, -th.inf)
 
 
 def _pick(actions: th.Tensor, indices: th.Tensor) -> th.Tensor:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch as th
 
-from sb3_hucrl.planning.base import Bounds, Plan, Planner, Proposal, require_finite
+from sb3_hucrl.planning.base import Bounds, Plan, Planner, Proposal, without_diverged
 from sb3_hucrl.planning.derivatives import Quadratic, expand_step, expand_terminal
 from sb3_hucrl.planning.rollouts import ImaginedReturns, PlanningProblem, Rollout, roll_out
 
@@ -63,7 +63,6 @@ class ILQR(Planner):
         if proposal.mean.shape[1] != problem.variables.horizon:
             raise ValueError("iLQR plans step by step: choose a planner that samples to search policy parameters")
         rollout = self._begin(problem, states, proposal, bounds, generator)
-        require_finite(rollout.returns)
         regularisation = th.full((len(states),), self.regularisation, dtype=states.dtype, device=states.device)
         for _ in range(self.num_iterations):
             feedback = _improve(problem, rollout, bounds, regularisation)
@@ -91,7 +90,9 @@ class ILQR(Planner):
         candidates = bounds.clip(candidates)
         by_step = candidates.flatten(0, 1).unbind(dim=1)
         starts = states.repeat_interleave(candidates.shape[1], dim=0)
-        return _best(roll_out(problem, starts, lambda n, _: by_step[n], None), len(states))
+        rollout = roll_out(problem, starts, lambda n, _: by_step[n], None)
+        without_diverged(rollout.returns.view(len(states), -1))
+        return _best(rollout, len(states))
 
 
 def _improve(problem: PlanningProblem, rollout: Rollout, bounds: Bounds, regularisation: th.Tensor) -> Feedback:
@@ -176,14 +177,15 @@ def _search_line(problem: PlanningProblem, rollout: Rollout, feedback: Feedback,
 def _best(rollout: Rollout, num_envs: int) -> Rollout:
     """The best of each environment's trajectories, which lie next to each other."""
     returns = rollout.returns.view(num_envs, -1)
-    best = returns.nan_to_num(nan=-th.inf).argmax(dim=1)
+    returns = returns.masked_fill(~th.isfinite(returns), -th.inf)
+    best = returns.argmax(dim=1)
     rows = best + th.arange(num_envs, device=best.device) * returns.shape[1]
     return Rollout(
         states=[each[rows] for each in rollout.states],
         values=[each[rows] for each in rollout.values],
         rewards=[each[rows] for each in rollout.rewards],
         discounts=[each[rows] for each in rollout.discounts],
-        returns=rollout.returns[rows],
+        returns=returns.flatten()[rows],
     )
 
 
