@@ -15,7 +15,7 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from helpers import imagination_env, small_callback
-from sb3_hucrl.algorithms import HBPTT, HMVE, MPO
+from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, MPO
 from sb3_hucrl.parameters import Parameters
 from sb3_hucrl.state import get_state
 
@@ -35,6 +35,7 @@ ALGORITHMS: dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]] = {
     "ppo_lstm": (RecurrentPPO, "MlpLstmPolicy", {**ON_POLICY, "policy_kwargs": {"lstm_hidden_size": 8}}),
     "ars": (ARS, "LinearPolicy", {"n_delta": 2}),
     "mpo": (MPO, "MlpPolicy", {**OFF_POLICY, **SMALL, "num_samples": 4}),
+    "hmpo": (HMPO, "MlpPolicy", {**OFF_POLICY, **SMALL, "num_samples": 4}),
     "hbptt": (HBPTT, "MlpPolicy", {**OFF_POLICY, **SMALL, "horizon": 2}),
     "hmve": (HMVE, "MlpPolicy", {**OFF_POLICY, **SMALL, "horizon": 2}),
     "sbx_sac": (sbx.SAC, "MlpPolicy", {**OFF_POLICY, **SMALL}),

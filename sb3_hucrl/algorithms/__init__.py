@@ -2,7 +2,8 @@
 
 from sb3_hucrl.algorithms.hbptt import HBPTT
 from sb3_hucrl.algorithms.hmpc import HMPC
+from sb3_hucrl.algorithms.hmpo import HMPO
 from sb3_hucrl.algorithms.hmve import HMVE
 from sb3_hucrl.algorithms.mpo import MPO
 
-__all__ = ["HBPTT", "HMPC", "HMVE", "MPO"]
+__all__ = ["HBPTT", "HMPC", "HMPO", "HMVE", "MPO"]

@@ -9,7 +9,7 @@ import optuna
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import ALGOS
 
-from sb3_hucrl.algorithms import HBPTT, HMPC, HMVE, MPO
+from sb3_hucrl.algorithms import HBPTT, HMPC, HMPO, HMVE, MPO
 
 
 def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
@@ -63,10 +63,15 @@ def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
 
 def register_algorithms() -> None:
     """Make them known to rl_zoo3."""
-    ALGOS.update(hmpc=HMPC, mpo=MPO, hbptt=HBPTT, hmve=HMVE)
+    ALGOS.update(hmpc=HMPC, mpo=MPO, hmpo=HMPO, hbptt=HBPTT, hmve=HMVE)
     HYPERPARAMS_SAMPLER["hmpc"] = nothing_to_sample
     HYPERPARAMS_CONVERTER["hmpc"] = nothing_to_convert
-    searches = {"mpo": sample_mpo_params, "hbptt": sample_hbptt_params, "hmve": sample_hmve_params}
+    searches = {
+        "mpo": sample_mpo_params,
+        "hmpo": sample_mpo_params,
+        "hbptt": sample_hbptt_params,
+        "hmve": sample_hmve_params,
+    }
     for name, sample in searches.items():
         HYPERPARAMS_SAMPLER[name] = with_sac_params(sample)
         HYPERPARAMS_CONVERTER[name] = HYPERPARAMS_CONVERTER["sac"]
