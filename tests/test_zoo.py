@@ -126,6 +126,8 @@ def test_other_environments_are_as_they_were(tmp_path: Path) -> None:
     for switch in ("0", "1"):
         output = run(ZOO, "train", "--algo", "ppo", "--env", "CartPole-v1", "-n", "200", "--seed", "1", cwd=tmp_path,
                      SB3_HUCRL_ZOO=switch)  # fmt: skip
-        outputs.append(re.sub(r"CartPole-v1_\d|(fps|time_elapsed) +\| \S+", "", output))
+        untimed = re.sub(r"CartPole-v1_\d|(fps|time_elapsed) +\| \S+", "", output)
+        # The table is as wide as its longest number, which may be a time.
+        outputs.append(re.sub(r" +|-{2,}", " ", untimed))
     assert outputs[0] == outputs[1]
     assert "ep_rew_mean" in outputs[0]
