@@ -160,7 +160,7 @@ class HUCRLCallback(BaseCallback):
 
     def _on_training_start(self) -> None:
         self._imagination_env = find_imagination(self.training_env)
-        if self.training_env.num_envs < 2 and not isinstance(self.model, (ARS, HMPC)):
+        if self.training_env.num_envs < 2 and not isinstance(self.model, ARS) and self._searches:
             raise ValueError(
                 f"n_envs is {self.training_env.num_envs}: imagination steps all environments as one batch and needs "
                 "at least 2; make 32 or so, for example make_vec_env(..., n_envs=32)"
@@ -196,8 +196,7 @@ class HUCRLCallback(BaseCallback):
         self._start_search()
 
     def _on_rollout_start(self) -> None:
-        # Without a policy there is nothing to search.
-        imagined_steps = 1 if isinstance(self.model, HMPC) else self.imagined_steps
+        imagined_steps = self.imagined_steps if self._searches else 1
         if self.model.num_timesteps - self._search_start >= imagined_steps:
             progress = self.model.num_timesteps / self.model._total_timesteps
             self._end_search(deterministic=progress >= self.sampling_fraction)
@@ -218,6 +217,11 @@ class HUCRLCallback(BaseCallback):
     @property
     def _real_env(self) -> VecEnv:
         return self._imagination_env.venv
+
+    @property
+    def _searches(self) -> bool:
+        # H-MPC has no policy.
+        return not isinstance(self.model, HMPC)
 
     def _is_hallucinated(self) -> bool:
         return self._real_env.has_attr("hallucinated_dim")
@@ -300,7 +304,7 @@ class HUCRLCallback(BaseCallback):
         keep_latest(buffer.imagined if isinstance(buffer, MixedReplayBuffer) else buffer, self.stale_fraction)
 
     def _end_search(self, deterministic: bool) -> None:
-        if deterministic and not isinstance(self.model, HMPC):
+        if deterministic and self._searches:
             self._state.best, promised = choose_policy(self.model, self._state.best, self._mode_return)
             self.logger.record("imagined/mode_return", promised)
         search_seconds = time.perf_counter() - self._clock
@@ -353,7 +357,7 @@ class HUCRLCallback(BaseCallback):
         record("real/return", self._state.last_return)
         if self._imagination.initial_returns:
             record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
-        if search_seconds > 0 and not isinstance(self.model, HMPC):
+        if search_seconds > 0 and self._searches:
             record("imagined/epistemic_std", self._imagination.epistemic_std)
         record_fit(self.logger, report)
         record("time/rollout_seconds", rollout_seconds)

@@ -14,7 +14,18 @@ from stable_baselines3 import SAC
 from helpers import TruePendulum, imagination_env, small_callback, small_sac
 from sb3_hucrl import Optimistic
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import DynaMPCSettings, HMPCSettings, MPCPolicy, PolicyParameters, SB3Policy, planning_settings
+from sb3_hucrl.planning import (
+    CEM,
+    Bounds,
+    DynaMPCSettings,
+    HMPCSettings,
+    MPCPolicy,
+    PolicyNoise,
+    PolicyParameters,
+    Proposal,
+    SB3Policy,
+    planning_settings,
+)
 from sb3_hucrl.state import get_state
 from sb3_hucrl.tasks import PendulumTask
 
@@ -71,6 +82,17 @@ def test_changed_parameters_are_kept_for_the_next_step() -> None:
     shifted = variables.shifted(moved)
     assert th.equal(shifted.mean, moved.mean)
     assert th.equal(shifted.std, fresh.std)
+
+
+def test_the_policy_itself_is_always_a_candidate() -> None:
+    policy, task, none = SB3Policy(small_sac()), PendulumTask(), th.Generator().manual_seed(0)
+    around_actions = PolicyNoise(3, Bounds(-th.ones(3), th.ones(3)), policy, task, std=0.1)
+    around_parameters = PolicyParameters(3, policy, task, std=0.1)
+    for variables in (around_actions, around_parameters):
+        moved = Proposal(variables.fresh(2).mean + 1, variables.fresh(2).std)
+        for proposal in (variables.fresh(2), variables.shifted(moved)):
+            particles = CEM(num_particles=4, num_elites=2).sample(proposal, 0, none)
+            assert (particles == 0).flatten(2).all(dim=2).any(dim=1).all()
 
 
 def test_planning_starts_with_the_mode_and_changes_nothing_before() -> None:

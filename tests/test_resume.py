@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import IO
 
 import pytest
 import torch as th
@@ -88,8 +89,8 @@ def test_a_save_that_fails_leaves_the_last_one(tmp_path: Path, monkeypatch: pyte
     save_atomically(model, path)
     before = path.read_bytes()
 
-    def half(file: object) -> None:
-        file.write(b"PK")  # type: ignore[attr-defined]  # a file
+    def half(file: IO[bytes]) -> None:
+        file.write(b"PK")
         raise OSError("disk full")
 
     monkeypatch.setattr(model, "save", half)

@@ -29,7 +29,7 @@ class ExpandedReplayBuffer(ReplayBuffer):
         # Not initialised as a buffer: it stores nothing itself.
         self._original, self._algorithm = original, algorithm
 
-    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:  # type: ignore[override]
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
         return self._algorithm.expand(self._original.sample(batch_size, env))
 
 

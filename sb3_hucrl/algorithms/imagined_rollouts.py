@@ -55,12 +55,11 @@ def imagine(
     :param terminal_value: of the observation after N steps, if any
     :param first_actions: taken in the first step instead of the policy's, scaled, shape (B, q + h)
     """
-    width = system.high - system.low
+    bounds = Bounds(system.low, system.high)
 
     def choose(n: int, state: th.Tensor) -> th.Tensor:
         scaled = act(system.task.observe(state)) if n or first_actions is None else first_actions
-        return system.low + 0.5 * (scaled + 1) * width
+        return bounds.unscaled(scaled)
 
-    variables = ActionSequence(horizon, Bounds(system.low, system.high))
-    problem = PlanningProblem(system, variables, gamma, terminal_value)
+    problem = PlanningProblem(system, ActionSequence(horizon, bounds), gamma, terminal_value)
     return roll_out(problem, system.task.state(observations), choose, generator)

@@ -42,6 +42,10 @@ class Bounds:
         """The nearest actions within the limits, shape of ``actions`` (..., d)."""
         return actions.clamp(self.low, self.high)
 
+    def unscaled(self, actions: th.Tensor) -> th.Tensor:
+        """What actions in [-1, 1], as SB3's off-policy algorithms have them, are within the limits, shape (..., d)."""
+        return self.low + 0.5 * (actions + 1) * (self.high - self.low)
+
 
 @dataclass(frozen=True)
 class Proposal:

@@ -1,4 +1,6 @@
-"""Searching around a policy: Dyna-MPC's and POPLIN's decision variables."""
+"""
+Searching around a policy: Dyna-MPC's and POPLIN's decision variables. No change at all is always among the candidates.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,6 @@ class PolicyNoise(DecisionVariables):
         _require_positive(std)
         width = bounds.high - bounds.low
         mean = th.zeros(1, horizon, len(width), device=width.device)
-        # The policy's own actions are always among the candidates.
         fresh = Proposal(mean, (std * width).expand_as(mean), kept=mean.unsqueeze(1))
         super().__init__(horizon, Bounds(-width, width), fresh)
         self._policy, self._task, self._actions = policy, task, bounds
@@ -63,11 +64,12 @@ class PolicyParameters(DecisionVariables):
         self._parameters = policy.acting_parameters()
         count = sum(parameter.numel() for parameter in self._parameters.values())
         spread = th.full((count,), std, device=next(iter(self._parameters.values())).device)
-        fresh = Proposal(th.zeros_like(spread)[None, None], spread[None, None])
+        mean = th.zeros_like(spread)[None, None]
+        fresh = Proposal(mean, spread[None, None], kept=mean.unsqueeze(1))
         super().__init__(horizon, Bounds(-REACH * spread, REACH * spread), fresh)
 
     def shifted(self, proposal: Proposal) -> Proposal:
-        return replace(proposal, std=self.fresh(len(proposal.mean)).std)
+        return replace(self.fresh(len(proposal.mean)), mean=proposal.mean)
 
     def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
         sizes = [parameter.numel() for parameter in self._parameters.values()]

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 from torch.func import functional_call, vmap
 
+from sb3_hucrl.planning.base import Bounds
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 
 
@@ -45,7 +46,7 @@ class SB3Policy:
         self._network: BasePolicy = policy
         self._mode = _Mode(policy)
         box = require_bounded_box(policy.action_space)
-        self._low, self._high = (th.as_tensor(limit, device=model.device) for limit in (box.low, box.high))
+        self._bounds = Bounds(*(th.as_tensor(limit, device=model.device) for limit in (box.low, box.high)))
         self._normalizer: VecNormalize | None = model.get_vec_normalize_env()
 
     def _evaluate(self) -> None:
@@ -103,9 +104,7 @@ class SB3Policy:
         return self._in_env_units(vmap(act)(parameters, self._inputs(observation)))
 
     def _in_env_units(self, action: th.Tensor) -> th.Tensor:
-        if self._network.squash_output:
-            return self._low + 0.5 * (action + 1) * (self._high - self._low)
-        return action.clamp(self._low, self._high)
+        return self._bounds.unscaled(action) if self._network.squash_output else self._bounds.clip(action)
 
     def value(self) -> Callable[[th.Tensor], th.Tensor]:
         """
