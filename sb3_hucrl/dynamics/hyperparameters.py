@@ -40,7 +40,7 @@ def _logarithmic(lower_bound: float) -> GreaterThan:
     return GreaterThan(lower_bound, transform=th.exp, inv_transform=th.log)
 
 
-class _Regression(ExactGP):  # type: ignore[misc]  # GPyTorch is untyped
+class _Regression(ExactGP):
     def __init__(self, kernel: Kernel, inputs: th.Tensor, targets: th.Tensor, likelihood: GaussianLikelihood) -> None:
         super().__init__(inputs, targets, likelihood)
         self.mean = ZeroMean()

@@ -124,7 +124,7 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
         if self.render_mode == "human":
             self._get_renderer().render("human")
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]  # gymnasium types it as a free variable
+    def render(self) -> npt.NDArray[np.uint8] | None:
         if self.render_mode != "rgb_array":
             return None
         frame: npt.NDArray[np.uint8] = self._get_renderer().render("rgb_array")

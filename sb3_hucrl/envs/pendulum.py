@@ -115,7 +115,7 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     def _observation(self) -> npt.NDArray[np.float32]:
         return np.array([math.sin(self.theta), math.cos(self.theta), self.omega], dtype=np.float32)
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]  # gymnasium types it as a free variable
+    def render(self) -> npt.NDArray[np.uint8] | None:
         if self.render_mode != "rgb_array":
             return None
         return self._get_renderer().frame(self.theta, self.torque)

@@ -9,7 +9,7 @@ import sys
 class ZooFinder:
     """Waits for rl_zoo3's experiment manager to be imported, then loads the plug-in. Finds nothing itself."""
 
-    def find_spec(self, name, path=None, target=None):  # type: ignore[no-untyped-def]  # typing would be an import
+    def find_spec(self, name, path=None, target=None):  # untyped: typing would be an import
         if name != "rl_zoo3.exp_manager":
             return None
         sys.meta_path.remove(self)
@@ -20,7 +20,7 @@ class ZooFinder:
             return None
         run = spec.loader.exec_module
 
-        def exec_module(module):  # type: ignore[no-untyped-def]  # typing would be an import
+        def exec_module(module):
             run(module)
             try:
                 import sb3_hucrl.zoo  # noqa: F401  # for its effect
