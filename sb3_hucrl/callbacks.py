@@ -79,6 +79,7 @@ class HUCRLCallback(BaseCallback):
         episodes that play its mode
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
+    :param reward_threshold: stop training after a real episode with at least this return; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 runs use the run's folder
     :param checkpoint: file in which the SB3 model is saved after every real episode, so that no real step is ever lost;
         rl_zoo3 runs use ``checkpoint.zip`` in the run's folder
@@ -106,6 +107,7 @@ class HUCRLCallback(BaseCallback):
         planner_kwargs: Mapping[str, Any] | None = None,
         dyna_mpc: Mapping[str, Any] | None = None,
         uncertainty_cap: float | None = None,
+        reward_threshold: float | None = None,
         log_dir: str | None = None,
         checkpoint: str | None = None,
         verbose: int = 0,
@@ -150,15 +152,18 @@ class HUCRLCallback(BaseCallback):
         self.real_data_fraction = real_data_fraction
         self.stale_fraction = stale_fraction
         self.uncertainty_cap = uncertainty_cap
+        self.reward_threshold = reward_threshold
         self.log_dir = log_dir
         self.checkpoint = checkpoint
         self._csv: CSVOutputFormat | None = None
         self._planner: MPCPolicy | None = None
         self._searching = False
+        self._solved = False
         self._search_start = 0
         self._clock = 0.0
 
     def _on_training_start(self) -> None:
+        self._solved = False
         self._imagination_env = find_imagination(self.training_env)
         if self.training_env.num_envs < 2 and not isinstance(self.model, ARS) and self._searches:
             raise ValueError(
@@ -203,7 +208,7 @@ class HUCRLCallback(BaseCallback):
             self._start_search()
 
     def _on_step(self) -> bool:
-        return True
+        return not self._solved
 
     def _on_training_end(self) -> None:
         # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not acted on.
@@ -338,6 +343,8 @@ class HUCRLCallback(BaseCallback):
         self._state.dataset.append_episode(episode)
         self._state.real_episodes += 1
         self._state.last_return = float(episode.rewards.sum(dtype=th.float64))
+        if self.reward_threshold is not None and self._state.last_return >= self.reward_threshold:
+            self._solved = True
         if self.checkpoint is not None:
             save_atomically(self.model, self.checkpoint)
 

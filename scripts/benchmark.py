@@ -68,8 +68,8 @@ def hyperparameters(algo: str, env: str) -> dict[str, Any]:
     return settings
 
 
-def command(run: Run, folder: str) -> list[str]:
-    """The command line of a run."""
+def command(run: Run, folder: str, reward_threshold: float | None) -> list[str]:
+    """The command line of a run, which ends with a real episode that returns the threshold, if there is one."""
     callback = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
     chosen = EXPLORATIONS[run.exploration]
     if "exploration" in chosen:
@@ -79,6 +79,7 @@ def command(run: Run, folder: str) -> list[str]:
     if run.dynamics == "truth":
         callback["dynamics_kwargs"] = {"env": run.env}
     callback["start_states"] = START_STATES[run.start_states]
+    callback["reward_threshold"] = reward_threshold
     hallucinate = callback["exploration"] == "optimistic"
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
     return [
@@ -89,10 +90,12 @@ def command(run: Run, folder: str) -> list[str]:
     ]
 
 
-def execute(run: Run, params: list[str]) -> pd.DataFrame:
+def execute(run: Run, params: list[str], reward_threshold: float | None) -> pd.DataFrame:
     """Train, and return one row for each real episode; a failure is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
-        process = subprocess.run([*command(run, folder), *params], capture_output=True, text=True, check=False)
+        process = subprocess.run(
+            [*command(run, folder, reward_threshold), *params], capture_output=True, text=True, check=False
+        )
         if process.returncode != 0:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
             return pd.DataFrame()
@@ -138,6 +141,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--output", type=Path, default=Path("results/pendulum.csv"))
     parser.add_argument("--solved", type=float, default=150.0, help="return that counts as solved in the summary")
+    parser.add_argument("--until-solved", action="store_true", help="end a run with its first solved episode")
     parser.add_argument("--params", nargs="*", default=[], help="passed on to rl_zoo3 train as further -params")
     args = parser.parse_args()
 
@@ -147,7 +151,8 @@ def main() -> None:
     # Seed by seed, so that an interrupted benchmark has whole seeds.
     runs = sorted((Run(*setting) for setting in settings), key=lambda run: run.seed)
     table = ResultsTable(args.output, Run)
-    table.fill(runs, partial(execute, params=args.params), args.jobs)
+    threshold = args.solved if args.until_solved else None
+    table.fill(runs, partial(execute, params=args.params, reward_threshold=threshold), args.jobs)
     if not table.rows.empty:
         print(summary(table.rows, args.solved).to_string())
 

@@ -251,6 +251,16 @@ def test_ending_twice_changes_nothing() -> None:
     assert state_of(model).real_episodes == 2
 
 
+def test_training_stops_with_the_first_real_episode_that_is_good_enough() -> None:
+    model = small_sac(imagination_env(max_episode_steps=40))
+    model.learn(320, small_callback(reward_threshold=1e9))
+    assert state_of(model).real_episodes == 5
+    other = small_sac(imagination_env(max_episode_steps=40))
+    other.learn(320, small_callback(initial_episodes=2, reward_threshold=-1e9))
+    assert state_of(other).real_episodes == 2
+    assert other.num_timesteps < 80
+
+
 def test_an_interrupted_search_is_not_played_for_real() -> None:
     class Interrupt(HUCRLCallback):
         def _on_step(self) -> bool:
