@@ -25,7 +25,7 @@ def test_an_action_is_worth_its_reward_and_the_value_of_what_follows() -> None:
     model, task = hmpo(num_samples=3), PendulumTask(0.2)
     states = th.tensor([[0.1, 0.5], [2.0, -1.0], [-0.3, 0.0]])
     with th.no_grad():
-        actions, values = model._sample_values(task.observe(states))
+        _, actions, values = model._sample_values(task.observe(states))
         for sampled, value in zip(actions.clamp(-1, 1), values, strict=True):
             next_states = TruePendulum().step(states, sampled[:, :1])
             following = model.policy.critic_target(task.observe(next_states), sampled)

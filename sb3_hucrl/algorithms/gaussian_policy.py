@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.preprocessing import get_action_dim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
-from stable_baselines3.common.type_aliases import PyTorchObs
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 from torch.distributions import Normal
@@ -70,10 +72,29 @@ class GaussianActor(BasePolicy):
 
 
 class GaussianPolicy(TD3Policy):
-    """Networks as TD3 has them, actor and critics with their targets, but for a Gaussian actor."""
+    """
+    Networks as TD3 has them, actor and critics with their targets, but for a Gaussian actor.
+
+    :param observation_space: of the environment
+    :param action_space: of the environment
+    :param lr_schedule: learning rate by the share of the training that is left
+    :param net_arch: widths of the hidden layers, or those of actor (``pi``) and critics (``qf``)
+    :param kwargs: as :class:`stable_baselines3.td3.policies.TD3Policy` has them
+    """
 
     actor: GaussianActor  # type: ignore[assignment]  # TD3's is another
     actor_target: GaussianActor  # type: ignore[assignment]  # as above
+
+    def __init__(
+        self,
+        observation_space: spaces.Space,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        net_arch: list[int] | dict[str, list[int]] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        # TD3's own are wider, and critics are asked for many actions per state.
+        super().__init__(observation_space, action_space, lr_schedule, net_arch or [256, 256], **kwargs)
 
     def make_actor(  # type: ignore[override]  # TD3's is another
         self, features_extractor: BaseFeaturesExtractor | None = None

@@ -10,6 +10,7 @@ from stable_baselines3.common.policies import BaseModel, BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from torch import nn
+from torch.distributions import Normal
 
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
@@ -83,12 +84,13 @@ class HMPO(MPO):
         self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
 
     def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
-        return self._sample_values(data.observations)[1].mean(dim=0).unsqueeze(1)
+        return self._sample_values(data.observations)[2].mean(dim=0).unsqueeze(1)
 
     @th.no_grad()
-    def _sample_values(self, observations: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+    def _sample_values(self, observations: th.Tensor) -> tuple[Normal, th.Tensor, th.Tensor]:
         actor = self.policy.actor_target
-        actions = actor.distribution(observations).sample(th.Size([self.num_samples]))
+        old = actor.distribution(observations)
+        actions = old.sample(th.Size([self.num_samples]))
         repeated = observations.expand(self.num_samples, *observations.shape).flatten(0, 1)
         step = imagine(
             imagined_system(self),
@@ -100,7 +102,7 @@ class HMPO(MPO):
             terminal_value=self._value,
             first_actions=actions.flatten(0, 1).clamp(-1, 1),
         )
-        return actions, step.returns.view(actions.shape[:2])
+        return old, actions, step.returns.view(actions.shape[:2])
 
     def _value(self, observations: th.Tensor) -> th.Tensor:
         # No action is looked at.

@@ -7,6 +7,7 @@ from typing import Any
 import torch as th
 from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
+from torch.distributions import Normal
 
 from sb3_hucrl.algorithms.actor_critic import GaussianActorCritic
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
@@ -57,21 +58,20 @@ class MPO(GaussianActorCritic):
 
     def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
         discounts = self.gamma if data.discounts is None else data.discounts
-        next_values = self._sample_values(data.next_observations)[1].mean(dim=0).unsqueeze(1)
+        next_values = self._sample_values(data.next_observations)[2].mean(dim=0).unsqueeze(1)
         return data.rewards + (1 - data.dones) * discounts * next_values
 
     @th.no_grad()
-    def _sample_values(self, observations: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
-        """K actions of the old policy in each of B states, shape (K, B, d), and their target Q, shape (K, B)."""
-        actions = self.policy.actor_target.distribution(observations).sample(th.Size([self.num_samples]))
+    def _sample_values(self, observations: th.Tensor) -> tuple[Normal, th.Tensor, th.Tensor]:
+        """The old policy in each of B states, K actions that it draws, shape (K, B, d), and their Q, shape (K, B)."""
+        old = self.policy.actor_target.distribution(observations)
+        actions = old.sample(th.Size([self.num_samples]))
         repeated = observations.expand(self.num_samples, *observations.shape).flatten(0, 1)
         values = th.cat(self.policy.critic_target(repeated, actions.flatten(0, 1).clamp(-1, 1)), dim=1)
-        return actions, values.amin(dim=1).view(actions.shape[:2])
+        return old, actions, values.amin(dim=1).view(actions.shape[:2])
 
     def _actor_loss(self, data: ReplayBufferSamples, noted: dict[str, list[float]]) -> th.Tensor:
-        actions, values = self._sample_values(data.observations)
-        with th.no_grad():
-            old = self.policy.actor_target.distribution(data.observations)
+        old, actions, values = self._sample_values(data.observations)
         terms = self.loss(old, self.policy.actor.distribution(data.observations), actions, values)
         noted["temperature"].append(self.loss.temperature.item())
         noted["kl_mean"].append(terms.kl_mean.item())
