@@ -42,12 +42,12 @@ def test_the_gradient_is_that_of_finite_differences(horizon: int) -> None:
     model = imagining(horizon=horizon, gamma=0.9)
     angles = th.linspace(-0.6, 0.6, 64)
     observations = PendulumTask().observe(th.stack([angles, 0.5 * angles], dim=1))
-    parameters = list(model.policy.actor.parameters())
+    parameters = list(model.actor.parameters())
 
     def performance() -> th.Tensor:
         th.manual_seed(0)
         model._generator.manual_seed(0)
-        return model.performance(observations)[0]
+        return model.performance(observations).value
 
     start = parameters_to_vector(parameters).detach().clone()
     gradient = parameters_to_vector(th.autograd.grad(performance(), parameters))
@@ -65,30 +65,30 @@ def test_the_gradient_is_that_of_finite_differences(horizon: int) -> None:
 def test_the_divergence_is_from_the_policy_of_the_last_search() -> None:
     model = imagining(horizon=3, learning_starts=0, kl_weight=0.0, learning_rate=1e-2)
     observations = PendulumTask().observe(th.tensor([[0.1, 0.0], [math.pi, 0.0]]))
-    assert model.performance(observations)[1].item() == pytest.approx(0.0, abs=1e-6)
+    assert model.performance(observations).divergence.item() == pytest.approx(0.0, abs=1e-6)
     model.learn(80)
-    assert model.performance(observations)[1].item() > 1e-3
+    assert model.performance(observations).divergence.item() > 1e-3
 
 
 def test_its_price_holds_the_policy_back() -> None:
     moved = []
     for weight in (0.0, 100.0):
         model = imagining(horizon=3, learning_starts=0, kl_weight=weight, learning_rate=1e-3)
-        before = parameters_to_vector(model.policy.actor_target.parameters()).clone()
+        before = parameters_to_vector(model._last_actor.parameters()).clone()
         model.learn(120)
-        assert th.equal(parameters_to_vector(model.policy.actor_target.parameters()), before)
-        moved.append((parameters_to_vector(model.policy.actor.parameters()) - before).norm().item())
+        assert th.equal(parameters_to_vector(model._last_actor.parameters()), before)
+        moved.append((parameters_to_vector(model.actor.parameters()) - before).norm().item())
     assert moved[1] < 0.5 * moved[0]
 
 
 def test_a_new_search_trusts_the_policy_that_the_last_one_found() -> None:
     model = hbptt(learning_starts=0, horizon=2)
     model.learn(160, callback=small_callback())
-    found = parameters_to_vector(model.policy.actor.parameters())
-    last = parameters_to_vector(model.policy.actor_target.parameters())
+    found = parameters_to_vector(model.actor.parameters())
+    last = parameters_to_vector(model._last_actor.parameters())
     assert not th.equal(found, last)
     model.learn(80, callback=small_callback())
-    assert not th.equal(last, parameters_to_vector(model.policy.actor_target.parameters()))
+    assert not th.equal(last, parameters_to_vector(model._last_actor.parameters()))
 
 
 def test_what_it_cannot_look_into_is_said() -> None:
@@ -96,7 +96,9 @@ def test_what_it_cannot_look_into_is_said() -> None:
         hbptt(learning_starts=0).learn(20)
     with pytest.raises(ValueError, match="use no VecNormalize"):
         hbptt(VecNormalize(imagination_env()), learning_starts=0).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="at least 1 and 0"):
+    with pytest.raises(ValueError, match="horizon is 0"):
         hbptt(horizon=0)
+    with pytest.raises(ValueError, match="leave use_sde out"):
+        hbptt(use_sde=True)
     assert isinstance(hbptt().get_env(), ImaginationVecEnv)
     assert np.isfinite(hbptt().predict(np.zeros(3, np.float32))[0]).all()

@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from copy import deepcopy
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch as th
+from stable_baselines3 import SAC
+from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
 from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
-from torch.distributions import kl_divergence
+from stable_baselines3.sac.policies import SACPolicy
+from torch.distributions import Normal, kl_divergence
+from torch.nn.functional import mse_loss
+from torch.nn.utils import clip_grad_norm_
 
-from sb3_hucrl.algorithms.actor_critic import GaussianActorCritic
-from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
 
 
-class HBPTT(GaussianActorCritic):
+@dataclass(frozen=True)
+class Performance:
+    """
+    Of a policy in B imagined trajectories.
+
+    :param value: discounted rewards and entropies, and the critic's word on what follows, mean over trajectories
+    :param divergence: from the last policy, sum over the N steps, mean over trajectories
+    :param first_log_prob: of each first action, shape (B,)
+    """
+
+    value: th.Tensor
+    divergence: th.Tensor
+    first_log_prob: th.Tensor
+
+
+class HBPTT(SAC):
     """
     H-BPTT (Algorithm 4): the gradient of the imagined return goes back through model, reward and policy, N steps that
     a critic prolongs. A divergence from the policy of the last search holds the new one back.
+
+    Policy, critics and entropy bonus are SAC's: an action at its limit passes no gradient on, and the entropy keeps the
+    policy away from there.
 
     Needs :class:`sb3_hucrl.HUCRLCallback`, a model and a task that are differentiable, and no VecNormalize.
 
@@ -26,65 +51,123 @@ class HBPTT(GaussianActorCritic):
     :param env: around which is an ImaginationVecEnv
     :param horizon: N
     :param kl_weight: λ, price of a nat of divergence from the last policy, at each step
-    :param kwargs: of :class:`sb3_hucrl.algorithms.actor_critic.GaussianActorCritic`
-    :raises ValueError: if the horizon is below 1 or the weight negative
+    :param max_grad_norm: bound on the norm of the policy's gradient
+    :param kwargs: of SAC
+    :raises ValueError: if a number is out of its range, or with gSDE
     """
 
     def __init__(
         self,
-        policy: str | type[GaussianPolicy],
+        policy: str | type[SACPolicy],
         env: GymEnv | str,
         horizon: int = 8,
-        kl_weight: float = 0.01,
+        kl_weight: float = 1e-3,
+        max_grad_norm: float = 40.0,
         **kwargs: Any,
     ) -> None:
-        if horizon < 1 or not kl_weight >= 0:
-            raise ValueError(f"horizon is {horizon}, kl_weight {kl_weight}: give at least 1 and 0")
-        self.horizon, self.kl_weight = horizon, kl_weight
-        self._last_system: HallucinatedSystem | None = None
+        if horizon < 1 or not kl_weight >= 0 or not max_grad_norm > 0:
+            raise ValueError(
+                f"horizon is {horizon}, kl_weight {kl_weight}, max_grad_norm {max_grad_norm}: give at least 1, at "
+                "least 0, and a positive number"
+            )
+        if kwargs.get("use_sde"):
+            raise ValueError("H-BPTT draws each action by itself: leave use_sde out")
+        self.horizon, self.kl_weight, self.max_grad_norm = horizon, kl_weight, max_grad_norm
         super().__init__(policy, env, **kwargs)
 
     def _setup_model(self) -> None:
         super()._setup_model()
         self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
+        self._last_actor = deepcopy(self.actor).requires_grad_(False)
+        self._last_system: HallucinatedSystem | None = None
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         system = imagined_system(self)
         if system is not self._last_system:
             # A new search begins: what the last one ended with is what to stay close to.
-            polyak_update(self.policy.actor.parameters(), self.policy.actor_target.parameters(), 1.0)
+            self._last_actor.load_state_dict(self.actor.state_dict())
             self._last_system = system
-        super().train(gradient_steps, batch_size)
+        self.policy.set_training_mode(True)
+        optimizers = [self.actor.optimizer, self.critic.optimizer]
+        if self.ent_coef_optimizer is not None:
+            optimizers.append(self.ent_coef_optimizer)
+        self._update_learning_rate(optimizers)
+        noted: dict[str, list[float]] = defaultdict(list)
+        assert self.replay_buffer is not None  # set up
+        for _ in range(gradient_steps):
+            data = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
+            noted["ent_coef"].append(self._ent_coef().item())
+            noted["critic_loss"].append(self._train_critic(data))
+            self._train_actor(data, noted)
+            polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
+        self._n_updates += gradient_steps
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        for name, values in noted.items():
+            self.logger.record(f"train/{name}", float(np.mean(values)))
 
-    def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
+    def _ent_coef(self) -> th.Tensor:
+        return self.ent_coef_tensor if self.log_ent_coef is None else self.log_ent_coef.detach().exp()
+
+    def _train_critic(self, data: ReplayBufferSamples) -> float:
         discounts = self.gamma if data.discounts is None else data.discounts
-        actions = self.policy.actor(data.next_observations)
-        values = th.cat(self.policy.critic_target(data.next_observations, actions), dim=1).amin(dim=1, keepdim=True)
-        return data.rewards + (1 - data.dones) * discounts * values
+        with th.no_grad():
+            actions, log_prob = self.actor.action_log_prob(data.next_observations)
+            values = th.cat(self.critic_target(data.next_observations, actions), dim=1).amin(dim=1)
+            following = (values - self._ent_coef() * log_prob).unsqueeze(1)
+            targets = data.rewards + (1 - data.dones) * discounts * following
+        loss = th.stack([mse_loss(values, targets) for values in self.critic(data.observations, data.actions)]).sum()
+        self.critic.optimizer.zero_grad()
+        loss.backward()
+        self.critic.optimizer.step()
+        return loss.item()
 
-    def _actor_loss(self, data: ReplayBufferSamples, noted: dict[str, list[float]]) -> th.Tensor:
-        performance, divergence = self.performance(data.observations)
-        noted["imagined_performance"].append(performance.item())
-        noted["kl"].append(divergence.item())
-        return self.kl_weight * divergence - performance
+    def _train_actor(self, data: ReplayBufferSamples, noted: dict[str, list[float]]) -> None:
+        imagined = self.performance(data.observations)
+        self.actor.optimizer.zero_grad()
+        (self.kl_weight * imagined.divergence - imagined.value).backward()
+        clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
+        self.actor.optimizer.step()
+        noted["imagined_performance"].append(imagined.value.item())
+        noted["kl"].append(imagined.divergence.item())
+        if self.ent_coef_optimizer is not None and self.log_ent_coef is not None:
+            assert isinstance(self.target_entropy, float)  # set up
+            excess = (imagined.first_log_prob.detach() + self.target_entropy).mean()
+            self.ent_coef_optimizer.zero_grad()
+            (-self.log_ent_coef * excess).backward()
+            self.ent_coef_optimizer.step()
 
-    def performance(self, observations: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+    def performance(self, observations: th.Tensor) -> Performance:
         """
-        J of Algorithm 4, lines 4 to 10, mean over B start states.
+        J of Algorithm 4, lines 4 to 10.
 
-        :param observations: of the start states, shape (B, observation dimension)
-        :return: the discounted return with its bootstrap, and the divergence, a sum over the N steps
+        :param observations: of B start states, shape (B, observation dimension)
         """
-        actor, system = self.policy.actor, imagined_system(self)
-        rollout = imagine(system, observations, actor, self.horizon, self.gamma, self._generator, self._value)
-        visited = system.task.observe(th.cat(rollout.states[:-1]))
-        divergence = kl_divergence(
-            actor.distribution(visited), self.policy.actor_target.distribution(visited)
-        ).sum() / len(observations)
-        return rollout.returns.mean(), divergence
+        system, ent_coef = imagined_system(self), self._ent_coef()
+        log_probs: list[th.Tensor] = []
+        divergences: list[th.Tensor] = []
 
-    def _value(self, observations: th.Tensor) -> th.Tensor:
-        return th.cat(self.policy.critic(observations, self.policy.actor(observations)), dim=1).amin(dim=1)
+        def act(visited: th.Tensor) -> th.Tensor:
+            mean, log_std, _ = self.actor.get_action_dist_params(visited)
+            assert isinstance(self.actor.action_dist, SquashedDiagGaussianDistribution)  # no gSDE
+            actions, log_prob = self.actor.action_dist.log_prob_from_params(mean, log_std)
+            log_probs.append(log_prob)
+            old_mean, old_log_std, _ = self._last_actor.get_action_dist_params(visited)
+            # Squashing changes both policies alike, so the divergence is that of the Gaussians.
+            new, old = Normal(mean, log_std.exp()), Normal(old_mean, old_log_std.exp())
+            divergences.append(kl_divergence(new, old).sum(dim=1))
+            return actions
+
+        def value(reached: th.Tensor) -> th.Tensor:
+            actions, log_prob = self.actor.action_log_prob(reached)
+            return th.cat(self.critic(reached, actions), dim=1).amin(dim=1) - ent_coef * log_prob
+
+        rollout = imagine(system, observations, act, self.horizon, self.gamma, self._generator, value)
+        surprise = sum(discount * each for discount, each in zip(rollout.discounts, log_probs, strict=False))
+        return Performance(
+            value=(rollout.returns - ent_coef * surprise).mean(),
+            divergence=th.stack(divergences).sum(dim=0).mean(),
+            first_log_prob=log_probs[0],
+        )
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_last_system", "_generator"]
+        return [*super()._excluded_save_params(), "_last_actor", "_last_system", "_generator"]

@@ -2,61 +2,162 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections import defaultdict
+from typing import Any, ClassVar
 
+import numpy as np
 import torch as th
-from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
+from gymnasium import spaces
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, ReplayBufferSamples, Schedule
 from stable_baselines3.common.utils import polyak_update
 from torch.distributions import Normal
+from torch.nn.functional import mse_loss
+from torch.nn.utils import clip_grad_norm_
+from typing_extensions import Self
 
-from sb3_hucrl.algorithms.actor_critic import GaussianActorCritic
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
 from sb3_hucrl.algorithms.mpo_loss import MPOLoss
 
 
-class MPO(GaussianActorCritic):
+class MPO(OffPolicyAlgorithm):
     """
     MPO (Abdolmaleki et al. 2018): actions of the old policy are weighted by what the critic says of them (E-step), and
     the new policy is fitted to them within a trust region (M-step). Works on any environment with continuous actions.
 
     :param policy: ``"MlpPolicy"``
     :param env: with continuous actions
+    :param learning_rate: of actor and critics, or a schedule
+    :param buffer_size: of the replay buffer
+    :param learning_starts: steps before the first gradient step
+    :param batch_size: transitions per gradient step
+    :param tau: share of the critics that their targets take over at each gradient step
+    :param gamma: discount
+    :param train_freq: steps between trainings
+    :param gradient_steps: per training
+    :param replay_buffer_class: by default SB3's own
+    :param replay_buffer_kwargs: its arguments
+    :param n_steps: of the transitions that are replayed
     :param num_samples: K, actions per state in the E-step and in the critics' targets
     :param epsilon: bound of the E-step, in nats
     :param epsilon_mean: bound of the M-step on the KL divergence through the mean, in nats
     :param epsilon_std: the same through the standard deviation
     :param dual_learning_rate: of temperature and multipliers
     :param policy_interval: gradient steps after which the new policy takes the old one's place
-    :param kwargs: of :class:`sb3_hucrl.algorithms.actor_critic.GaussianActorCritic`
+    :param max_grad_norm: bound on the norm of the policy's gradient
+    :param stats_window_size: as in all of SB3's algorithms
+    :param tensorboard_log: folder for TensorBoard
+    :param policy_kwargs: arguments of the policy, such as ``net_arch``
+    :param verbose: 1 prints what is logged
+    :param seed: of all randomness
+    :param device: of the networks
+    :param _init_setup_model: whether to set up now, or with ``load``
     :raises ValueError: if a bound is not positive or a number below 1
     """
+
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GaussianPolicy}
+    policy: GaussianPolicy
 
     def __init__(
         self,
         policy: str | type[GaussianPolicy],
         env: GymEnv | str,
+        learning_rate: float | Schedule = 1e-3,
+        buffer_size: int = 1_000_000,
+        learning_starts: int = 100,
+        batch_size: int = 256,
+        tau: float = 0.005,
+        gamma: float = 0.99,
+        train_freq: int | tuple[int, str] = 1,
+        gradient_steps: int = 1,
+        replay_buffer_class: type[ReplayBuffer] | None = None,
+        replay_buffer_kwargs: dict[str, Any] | None = None,
+        n_steps: int = 1,
         num_samples: int = 20,
         epsilon: float = 0.1,
         epsilon_mean: float = 0.01,
         epsilon_std: float = 1e-4,
         dual_learning_rate: float = 1e-2,
         policy_interval: int = 100,
-        **kwargs: Any,
+        max_grad_norm: float = 40.0,
+        stats_window_size: int = 100,
+        tensorboard_log: str | None = None,
+        policy_kwargs: dict[str, Any] | None = None,
+        verbose: int = 0,
+        seed: int | None = None,
+        device: th.device | str = "auto",
+        _init_setup_model: bool = True,
     ) -> None:
         if min(num_samples - 1, policy_interval) < 1:
             raise ValueError(f"num_samples is {num_samples}, policy_interval {policy_interval}: give at least 2 and 1")
+        super().__init__(
+            policy,
+            env,
+            learning_rate,
+            buffer_size,
+            learning_starts,
+            batch_size,
+            tau,
+            gamma,
+            train_freq,
+            gradient_steps,
+            replay_buffer_class=replay_buffer_class,
+            replay_buffer_kwargs=replay_buffer_kwargs,
+            n_steps=n_steps,
+            policy_kwargs=policy_kwargs,
+            stats_window_size=stats_window_size,
+            tensorboard_log=tensorboard_log,
+            verbose=verbose,
+            device=device,
+            seed=seed,
+            sde_support=False,
+            supported_action_spaces=(spaces.Box,),
+            support_multi_env=True,
+        )
         self.num_samples = num_samples
         self.epsilon, self.epsilon_mean, self.epsilon_std = epsilon, epsilon_mean, epsilon_std
         self.dual_learning_rate = dual_learning_rate
         self.policy_interval = policy_interval
-        super().__init__(policy, env, **kwargs)
+        self.max_grad_norm = max_grad_norm
+        if _init_setup_model:
+            self._setup_model()
 
     def _setup_model(self) -> None:
         super()._setup_model()
         self.loss = MPOLoss(self.epsilon, self.epsilon_mean, self.epsilon_std).to(self.device)
         self.dual_optimizer = th.optim.Adam(self.loss.parameters(), lr=self.dual_learning_rate)
 
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
+        policy = self.policy
+        policy.set_training_mode(True)
+        self._update_learning_rate([policy.actor.optimizer, policy.critic.optimizer])
+        noted: dict[str, list[float]] = defaultdict(list)
+        assert self.replay_buffer is not None  # set up
+        for _ in range(gradient_steps):
+            data = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
+            noted["critic_loss"].append(self._train_critic(data))
+            self._train_actor(data, noted)
+            polyak_update(policy.critic.parameters(), policy.critic_target.parameters(), self.tau)
+            self._n_updates += 1
+            if self._n_updates % self.policy_interval == 0:
+                polyak_update(policy.actor.parameters(), policy.actor_target.parameters(), 1.0)
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        for name, values in noted.items():
+            self.logger.record(f"train/{name}", float(np.mean(values)))
+
+    def _train_critic(self, data: ReplayBufferSamples) -> float:
+        critic, targets = self.policy.critic, self._targets(data)
+        loss = th.stack([mse_loss(values, targets) for values in critic(data.observations, data.actions)]).sum()
+        critic.optimizer.zero_grad()
+        loss.backward()
+        critic.optimizer.step()
+        return loss.item()
+
+    @th.no_grad()
     def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
+        """What the critics shall predict of B transitions, shape (B, 1)."""
         discounts = self.gamma if data.discounts is None else data.discounts
         next_values = self._sample_values(data.next_observations)[2].mean(dim=0).unsqueeze(1)
         return data.rewards + (1 - data.dones) * discounts * next_values
@@ -70,25 +171,36 @@ class MPO(GaussianActorCritic):
         values = th.cat(self.policy.critic_target(repeated, actions.flatten(0, 1).clamp(-1, 1)), dim=1)
         return old, actions, values.amin(dim=1).view(actions.shape[:2])
 
-    def _actor_loss(self, data: ReplayBufferSamples, noted: dict[str, list[float]]) -> th.Tensor:
+    def _train_actor(self, data: ReplayBufferSamples, noted: dict[str, list[float]]) -> None:
+        actor = self.policy.actor
         old, actions, values = self._sample_values(data.observations)
-        terms = self.loss(old, self.policy.actor.distribution(data.observations), actions, values)
+        terms = self.loss(old, actor.distribution(data.observations), actions, values)
+        actor.optimizer.zero_grad()
+        self.dual_optimizer.zero_grad()
+        (terms.policy_loss + terms.dual_loss).backward()
+        clip_grad_norm_(actor.parameters(), self.max_grad_norm)
+        actor.optimizer.step()
+        self.dual_optimizer.step()
+        noted["actor_loss"].append(terms.policy_loss.item())
         noted["temperature"].append(self.loss.temperature.item())
         noted["kl_mean"].append(terms.kl_mean.item())
         noted["kl_std"].append(terms.kl_std.item())
-        total: th.Tensor = terms.policy_loss + terms.dual_loss
-        return total
 
-    def _actor_optimizers(self) -> list[th.optim.Optimizer]:
-        return [*super()._actor_optimizers(), self.dual_optimizer]
-
-    def _after_gradient_step(self) -> None:
-        if self._n_updates % self.policy_interval == 0:
-            polyak_update(self.policy.actor.parameters(), self.policy.actor_target.parameters(), 1.0)
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        log_interval: int = 4,
+        tb_log_name: str | None = None,
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> Self:
+        name = tb_log_name or type(self).__name__
+        return super().learn(total_timesteps, callback, log_interval, name, reset_num_timesteps, progress_bar)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "loss", "dual_optimizer"]
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
-        modules, tensors = super()._get_torch_save_params()
-        return [*modules, "loss", "dual_optimizer"], tensors
+        optimizers = ["policy.actor.optimizer", "policy.critic.optimizer", "dual_optimizer"]
+        return ["policy", "loss", *optimizers], []
