@@ -27,7 +27,8 @@ class Noisy(TruePendulum):
 
 
 def hbptt(env: Any = None, **kwargs: Any) -> HBPTT:
-    settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}}
+    settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_delay": 1}
+    settings["policy_kwargs"] = {"net_arch": [16]}
     return HBPTT("MlpPolicy", env or imagination_env(), seed=0, device="cpu", **{**settings, **kwargs})
 
 
@@ -79,6 +80,14 @@ def test_its_price_holds_the_policy_back() -> None:
         assert th.equal(parameters_to_vector(model._last_actor.parameters()), before)
         moved.append((parameters_to_vector(model.actor.parameters()) - before).norm().item())
     assert moved[1] < 0.5 * moved[0]
+
+
+def test_the_policy_waits_for_the_critics() -> None:
+    model = imagining(learning_starts=0, policy_delay=1_000)
+    before = [parameters_to_vector(each.parameters()).clone() for each in (model.actor, model.critic)]
+    model.learn(40)
+    after = [parameters_to_vector(each.parameters()) for each in (model.actor, model.critic)]
+    assert [th.equal(old, new) for old, new in zip(before, after, strict=True)] == [True, False]
 
 
 def test_a_new_search_trusts_the_policy_that_the_last_one_found() -> None:

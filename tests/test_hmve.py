@@ -12,6 +12,7 @@ from stable_baselines3 import SAC
 from helpers import TruePendulum, hanging_start, imagination_env, small_callback
 from sb3_hucrl import Optimistic
 from sb3_hucrl.algorithms import HMVE
+from sb3_hucrl.algorithms.hmve import ExpandedReplayBuffer
 from sb3_hucrl.tasks import PendulumTask
 
 GAMMA = 0.9
@@ -74,6 +75,16 @@ def test_steve_trusts_the_lengths_whose_targets_agree(monkeypatch: pytest.Monkey
     shares = [(discounts - GAMMA**n).abs().lt(1e-4).float().mean().item() for n in (1, 2, 3)]
     weights = np.array([GAMMA ** (-2 * n) for n in (1, 2, 3)])
     np.testing.assert_allclose(shares, weights / weights.sum(), atol=0.03)
+
+
+def test_each_batch_of_a_training_gets_its_share() -> None:
+    model = hmve()
+    expanded = model.expand(batch(model))
+    buffer = ExpandedReplayBuffer(expanded, num_batches=4)
+    batches = [buffer.sample(16) for _ in range(4)]
+    for dealt, whole in zip(zip(*batches, strict=True), expanded, strict=True):
+        assert whole is not None
+        assert th.equal(th.stack(dealt, dim=1).flatten(0, 1), whole)
 
 
 def test_steve_is_a_mean_over_lengths() -> None:

@@ -51,6 +51,7 @@ class HBPTT(SAC):
     :param env: around which is an ImaginationVecEnv
     :param horizon: N
     :param kl_weight: λ, price of a nat of divergence from the last policy, at each step
+    :param policy_delay: steps of the critics for one of the policy, which takes many times as long
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param kwargs: of SAC
     :raises ValueError: if a number is out of its range, or with gSDE
@@ -62,17 +63,19 @@ class HBPTT(SAC):
         env: GymEnv | str,
         horizon: int = 8,
         kl_weight: float = 1e-3,
+        policy_delay: int = 2,
         max_grad_norm: float = 40.0,
         **kwargs: Any,
     ) -> None:
-        if horizon < 1 or not kl_weight >= 0 or not max_grad_norm > 0:
+        if min(horizon, policy_delay) < 1 or not kl_weight >= 0 or not max_grad_norm > 0:
             raise ValueError(
-                f"horizon is {horizon}, kl_weight {kl_weight}, max_grad_norm {max_grad_norm}: give at least 1, at "
-                "least 0, and a positive number"
+                f"horizon is {horizon}, policy_delay {policy_delay}, kl_weight {kl_weight}, max_grad_norm "
+                f"{max_grad_norm}: give at least 1, at least 1, at least 0, and a positive number"
             )
         if kwargs.get("use_sde"):
             raise ValueError("H-BPTT draws each action by itself: leave use_sde out")
-        self.horizon, self.kl_weight, self.max_grad_norm = horizon, kl_weight, max_grad_norm
+        self.horizon, self.kl_weight = horizon, kl_weight
+        self.policy_delay, self.max_grad_norm = policy_delay, max_grad_norm
         super().__init__(policy, env, **kwargs)
 
     def _setup_model(self) -> None:
@@ -98,9 +101,10 @@ class HBPTT(SAC):
             data = self.replay_buffer.sample(batch_size, env=self._vec_normalize_env)
             noted["ent_coef"].append(self._ent_coef().item())
             noted["critic_loss"].append(self._train_critic(data))
-            self._train_actor(data, noted)
             polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
-        self._n_updates += gradient_steps
+            self._n_updates += 1
+            if self._n_updates % self.policy_delay == 0:
+                self._train_actor(data, noted)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         for name, values in noted.items():
             self.logger.record(f"train/{name}", float(np.mean(values)))

@@ -19,18 +19,21 @@ SMALLEST_VARIANCE = 1e-8
 
 class ExpandedReplayBuffer(ReplayBuffer):
     """
-    Another replay buffer, of whose transitions only state and action count: what follows them is imagined.
+    Deals out the transitions of one training.
 
-    :param original: gives states and actions
-    :param algorithm: imagines
+    :param expanded: those of all its batches
+    :param num_batches: how many these are
     """
 
-    def __init__(self, original: ReplayBuffer, algorithm: HMVE) -> None:
-        # Not initialised as a buffer: it stores nothing itself.
-        self._original, self._algorithm = original, algorithm
+    def __init__(self, expanded: ReplayBufferSamples, num_batches: int) -> None:
+        # Not initialised as a buffer: it stores nothing else.
+        self._expanded, self._num_batches, self._dealt = expanded, num_batches, 0
 
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
-        return self._algorithm.expand(self._original.sample(batch_size, env))
+        # One by one, so that every batch has its share of the real transitions that come first.
+        rows = slice(self._dealt, None, self._num_batches)
+        self._dealt += 1
+        return ReplayBufferSamples(*(each[rows] for each in self._expanded if each is not None))
 
 
 class HMVE(SAC):
@@ -38,7 +41,8 @@ class HMVE(SAC):
     H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps and the critics' target after them. What SAC
     replays are states of the hallucinated data, or, with ``real_data_fraction: 1``, of real ones alone.
 
-    As in SB3's replay of several steps, the entropy of the steps in between counts nothing.
+    As in SB3's replay of several steps, the entropy of the steps in between counts nothing. All gradient steps of a
+    training imagine in one batched call, with the policy that the training begins with.
 
     :param policy: ``"MlpPolicy"``
     :param env: around which is an ImaginationVecEnv
@@ -73,7 +77,8 @@ class HMVE(SAC):
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         original = self.replay_buffer
         assert original is not None  # set up
-        self.replay_buffer = ExpandedReplayBuffer(original, self)
+        expanded = self.expand(original.sample(gradient_steps * batch_size))
+        self.replay_buffer = ExpandedReplayBuffer(expanded, gradient_steps)
         try:
             super().train(gradient_steps, batch_size)
         finally:
