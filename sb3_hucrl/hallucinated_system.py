@@ -66,6 +66,8 @@ class HallucinatedSystem:
             )
         self.model, self.strategy, self.task = model, strategy, task
         self.device = model.device
+        #: next states are kept between these two, each of shape (p,)
+        self.plausible: tuple[th.Tensor, th.Tensor] | None = None
         self.low = th.as_tensor(action_space.low, device=self.device, dtype=th.float32)
         self.high = th.as_tensor(action_space.high, device=self.device, dtype=th.float32)
 
@@ -82,7 +84,6 @@ class HallucinatedSystem:
         state: th.Tensor,
         action: th.Tensor,
         generator: th.Generator | None,
-        plausible: tuple[th.Tensor, th.Tensor] | None = None,
     ) -> SystemStep:
         """
         Differentiable in state and action where model and task are.
@@ -90,14 +91,13 @@ class HallucinatedSystem:
         :param state: shape (B, p + c)
         :param action: (a, a′), shape (B, q + h)
         :param generator: draws the noise, on the state's device; None for none
-        :param plausible: next states are kept between these two, each of shape (p,)
         """
         real_action, hallucinated = self.split(action)
         has_context = self.task.context_dim > 0
         prediction = self.model.predict(state[:, : self.task.state_dim] if has_context else state, real_action)
         next_state = self.strategy.next_state(prediction, hallucinated, generator)
-        if plausible is not None:
-            next_state = next_state.clamp(*plausible)
+        if self.plausible is not None:
+            next_state = next_state.clamp(*self.plausible)
         next_state = self.task.sample_outcomes(next_state, generator)
         if has_context:
             next_state = th.cat([next_state, state[:, self.task.state_dim :]], dim=1)

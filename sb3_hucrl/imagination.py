@@ -127,7 +127,9 @@ class Imagination:
         if indices is None:
             indices = np.arange(self.num_envs)
             self._states = states
-            self._range = self._plausible_range()
+            # Whoever differentiates through the system needs tensors that autograd can keep.
+            with th.inference_mode(mode=False):
+                self.system.plausible = self._plausible_range()
         else:
             # Not in place: an observation that was handed out may share memory with the states.
             self._states = self._states.index_copy(0, th.as_tensor(indices, device=self._device), states)
@@ -149,7 +151,7 @@ class Imagination:
         if len(self._states) == 0:
             raise RuntimeError("call reset() before step()")
         action = th.as_tensor(actions, device=self._device, dtype=th.float32)
-        stepped = self.system.step(self._states, action, self._noise_generator, plausible=self._range)
+        stepped = self.system.step(self._states, action, self._noise_generator)
         rewards = stepped.total_reward.cpu().numpy()
         step = ImaginedStep(
             observations=self._task.observe(stepped.next_state).cpu().numpy(),

@@ -9,8 +9,8 @@ import pytest
 import torch as th
 from stable_baselines3 import SAC
 
-from helpers import TruePendulum, hanging_start, imagination_env, small_callback
-from sb3_hucrl import Optimistic
+from helpers import TruePendulum, imagination_env, pendulum_dataset, small_callback
+from sb3_hucrl import Optimistic, StartStates
 from sb3_hucrl.algorithms import HMVE
 from sb3_hucrl.algorithms.hmve import ExpandedReplayBuffer
 from sb3_hucrl.tasks import PendulumTask
@@ -18,10 +18,11 @@ from sb3_hucrl.tasks import PendulumTask
 GAMMA = 0.9
 
 
-def hmve(**kwargs: Any) -> HMVE:
-    """After some steps on the true dynamics, without noise and uncertainty."""
+def hmve(dynamics: TruePendulum | None = None, **kwargs: Any) -> HMVE:
+    """After some steps on the true dynamics, without noise and uncertainty, or on others."""
     env = imagination_env()
-    env.imagine(TruePendulum(), Optimistic(), PendulumTask(0.2), 100, hanging_start())
+    starts = StartStates(pendulum_dataset(), PendulumTask())
+    env.imagine(dynamics or TruePendulum(), Optimistic(), PendulumTask(0.2), 100, starts)
     settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}}
     model = HMVE("MlpPolicy", env, seed=0, device="cpu", gamma=GAMMA, learning_starts=10_000, **{**settings, **kwargs})
     model.learn(200)
@@ -75,6 +76,14 @@ def test_steve_trusts_the_lengths_whose_targets_agree(monkeypatch: pytest.Monkey
     shares = [(discounts - GAMMA**n).abs().lt(1e-4).float().mean().item() for n in (1, 2, 3)]
     weights = np.array([GAMMA ** (-2 * n) for n in (1, 2, 3)])
     np.testing.assert_allclose(shares, weights / weights.sum(), atol=0.03)
+
+
+def test_an_expansion_goes_no_further_than_imagination() -> None:
+    # A model that adds 100 to every state, far beyond all that was visited.
+    model = hmve(dynamics=TruePendulum(bias=100.0), horizon=5)
+    data = batch(model)
+    imagined, expanded = (each.next_observations[:, 2].abs().max() for each in (data, model.expand(data)))
+    assert 0 < expanded <= imagined < 500
 
 
 def test_each_batch_of_a_training_gets_its_share() -> None:

@@ -16,6 +16,9 @@ from sb3_hucrl.zoo.tuning import callback_settings
 
 PATHS = sorted((Path(__file__).parent.parent / "zoo_hyperparams").glob("*.yml"))
 
+#: environments on which our own algorithms are told to use no model
+WITHOUT_MODEL = {"Pendulum-v1"}
+
 
 def entries(path: Path) -> dict[str, dict[str, Any]]:
     """By environment."""
@@ -27,6 +30,9 @@ def entries(path: Path) -> dict[str, dict[str, Any]]:
 def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback(path: Path) -> None:
     assert path.stem in ALGOS
     for env_id, entry in entries(path).items():
+        if env_id in WITHOUT_MODEL:
+            assert "callback" not in entry
+            continue
         settings = callback_settings(entry["callback"])
         assert env_id in ENVIRONMENTS
         assert settings is not None

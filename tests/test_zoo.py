@@ -57,6 +57,12 @@ def test_training_leaves_what_zoo_users_expect(trained: Path) -> None:
     assert progress["real/episode"].dropna().tolist() == [1, 2, 3]
 
 
+def test_our_algorithms_train_on_other_environments_without_any_flag(tmp_path: Path) -> None:
+    output = run(ZOO, "train", "--algo", "mpo", "--env", "Pendulum-v1", "-n", "200", "--eval-freq", "-1", cwd=tmp_path)
+    assert "zoo_hyperparams" in output
+    assert (tmp_path / "logs" / "mpo" / "Pendulum-v1_1" / "Pendulum-v1.zip").exists()
+
+
 def test_hmpc_trains_and_enjoys_without_a_policy(tmp_path: Path) -> None:
     planner = {"horizon": 2, "num_particles": 4, "num_elites": 2, "num_iterations": 1}
     callback = {"planner": "icem", "planner_kwargs": planner, "dynamics_kwargs": {"gradient_steps": 20}}

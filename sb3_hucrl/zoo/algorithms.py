@@ -8,8 +8,11 @@ from typing import Any
 import optuna
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import ALGOS
+from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.algorithms import HBPTT, HMPC, HMPO, HMVE, MPO
+
+OUR_ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"hmpc": HMPC, "mpo": MPO, "hmpo": HMPO, "hbptt": HBPTT, "hmve": HMVE}
 
 
 def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
@@ -63,7 +66,7 @@ def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
 
 def register_algorithms() -> None:
     """Make them known to rl_zoo3."""
-    ALGOS.update(hmpc=HMPC, mpo=MPO, hmpo=HMPO, hbptt=HBPTT, hmve=HMVE)
+    ALGOS.update(OUR_ALGORITHMS)
     HYPERPARAMS_SAMPLER["hmpc"] = nothing_to_sample
     HYPERPARAMS_CONVERTER["hmpc"] = nothing_to_convert
     searches = {

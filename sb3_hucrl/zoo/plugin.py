@@ -13,7 +13,7 @@ from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
-from sb3_hucrl.zoo.algorithms import register_algorithms
+from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
 from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.tuning import prepare_trial, use_trial
@@ -27,12 +27,10 @@ def _is_ours(manager: ExperimentManager) -> bool:
 
 
 def _use_our_defaults(manager: ExperimentManager, algo: str, config: str | None) -> None:
-    if not _is_ours(manager):
-        return
     hyperparams = files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml"
-    if config is None and hyperparams.is_file():
+    if config is None and hyperparams.is_file() and (_is_ours(manager) or algo in OUR_ALGORITHMS):
         manager.config = str(hyperparams)
-    if manager.log_interval == LOG_INTERVAL_UNSET:
+    if _is_ours(manager) and manager.log_interval == LOG_INTERVAL_UNSET:
         # All imagined trajectories end in the same step, and SB3 would print a table for every fourth of them. The
         # callback prints one for each real episode.
         manager.log_interval = LOG_INTERVAL_BY_CALLBACK
