@@ -40,7 +40,7 @@ class Performance:
 class HBPTT(SAC):
     """
     H-BPTT (Algorithm 4): the gradient of the imagined return goes back through model, reward and policy, N steps that
-    a critic prolongs. A divergence from the policy of the last search holds the new one back.
+    a critic prolongs. If asked to, a divergence from the policy of the last search holds the new one back.
 
     Policy, critics and entropy bonus are SAC's: an action at its limit passes no gradient on, and the entropy keeps the
     policy away from there.
@@ -50,7 +50,7 @@ class HBPTT(SAC):
     :param policy: ``"MlpPolicy"``
     :param env: around which is an ImaginationVecEnv
     :param horizon: N
-    :param kl_weight: λ, price of a nat of divergence from the last policy, at each step
+    :param kl_weight: λ, price of a nat of divergence from the last policy, at each step; by default nothing
     :param policy_delay: steps of the critics for one of the policy, which takes many times as long
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param kwargs: of SAC
@@ -62,7 +62,7 @@ class HBPTT(SAC):
         policy: str | type[SACPolicy],
         env: GymEnv | str,
         horizon: int = 8,
-        kl_weight: float = 1e-3,
+        kl_weight: float = 0.0,
         policy_delay: int = 2,
         max_grad_norm: float = 40.0,
         **kwargs: Any,

@@ -52,7 +52,7 @@ def sample_hbptt_params(trial: optuna.Trial) -> dict[str, Any]:
     """H-BPTT's horizon and trust."""
     return {
         "horizon": trial.suggest_int("horizon", 1, 30, log=True),
-        "kl_weight": trial.suggest_float("kl_weight", 1e-4, 1.0, log=True),
+        "kl_weight": trial.suggest_float("kl_weight", 1e-7, 1e-2, log=True),
     }
 
 
