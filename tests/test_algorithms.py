@@ -51,7 +51,7 @@ def make(name: str, **kwargs: Any) -> BaseAlgorithm:
     # rl_zoo3 gives ARS one environment, whatever the YAML says.
     env = imagination_env(1 if name == "ars" else 4)
     # SB3 writes into the dictionaries that it is given.
-    return algorithm(policy, env, seed=0, device="cpu", **copy.deepcopy({**settings, **kwargs}))
+    return algorithm(policy, env, device="cpu", **copy.deepcopy({"seed": 0, **settings, **kwargs}))
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)
@@ -93,6 +93,18 @@ def test_parameters_give_back_the_policy_that_was_found(name: str) -> None:
     found.restore(model)
     after, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(after, before, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["mpo", "hmpo", "hbptt", "hmve"])
+def test_our_algorithms_learn_the_same_from_the_same_seed(name: str) -> None:
+    observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
+    found = []
+    for seed in (0, 0, 1):
+        model = make(name, seed=seed)
+        model.learn(160, callback=small_callback())
+        found.append(model.predict(observations, deterministic=True)[0])
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.abs(found[0] - found[2]).max() > 1e-4
 
 
 def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:
