@@ -24,7 +24,7 @@ from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.planning import HMPCSettings, MPCPolicy, PlanningRecipe, planning_settings
 from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
-from sb3_hucrl.report import record_fit
+from sb3_hucrl.report import record_fit, record_theory
 from sb3_hucrl.rollout import collect_episode, imagine_episode
 from sb3_hucrl.selection import choose_policy, imagined_return
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
@@ -280,6 +280,7 @@ class HUCRLCallback(BaseCallback):
         self._search_model = self.strategy.begin_search(
             state.dynamics, num_samples, state.real_episodes, state.generator
         )
+        record_theory(self.logger, state.dynamics, self.strategy)
         self._imagine(self._search_model, limit)
         self._prepare_planner(self._search_model)
         if isinstance(self.model, OffPolicyAlgorithm):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from stable_baselines3.common.logger import Figure, Logger, TensorBoardOutputFormat
 
-from sb3_hucrl.dynamics.base import FitReport
+from sb3_hucrl.dynamics.base import DynamicsModel, FitReport
 from sb3_hucrl.dynamics.calibration import Calibration
+from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
 from sb3_hucrl.plots import reliability_figure
 
 #: outputs in which a value per state dimension would hide the rest
@@ -30,6 +31,21 @@ def record_fit(logger: Logger, report: FitReport) -> None:
         logger.record(f"dynamics/std_scale_{dim}", float(calibration.scale[dim]), exclude=TERSE)
     if any(isinstance(output, TensorBoardOutputFormat) for output in logger.output_formats):
         _record_figure(logger, calibration)
+
+
+def record_theory(logger: Logger, model: DynamicsModel, strategy: ExplorationStrategy) -> None:
+    """
+    What the next search goes by: β, and the information gain of a Gaussian process.
+
+    :param logger: of the algorithm
+    :param model: as it was just fitted
+    :param strategy: at the start of a search
+    """
+    gain = model.information_gain()
+    if gain is not None:
+        logger.record("hucrl/information_gain", gain)
+    if isinstance(strategy, Optimistic):
+        logger.record("hucrl/beta", strategy.beta)
 
 
 def _record_figure(logger: Logger, calibration: Calibration) -> None:

@@ -110,6 +110,12 @@ class DynamicsModel(Predictor):
             "'tsinf' draw: use a model that has, or another exploration"
         )
 
+    def information_gain(self) -> float | None:
+        """
+        :return: I(y; f) of equation (63), summed over outputs, in nats; None if this model is not a Gaussian process
+        """
+        return None
+
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         """
         β_t = B + 4σ √(I(y; f) + 1 + ln(1/δ)) of Lemmas 10 and 11, in units of this model's epistemic std.

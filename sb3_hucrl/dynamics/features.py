@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,6 +11,7 @@ from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
 from sb3_hucrl.dynamics.fourier import FourierFeatures, quadrature_features, random_features
 from sb3_hucrl.dynamics.linear import BayesianLinearRegression
+from sb3_hucrl.theory.confidence import confidence_width
 
 
 class FeatureModel(DeltaModel):
@@ -94,9 +94,11 @@ class FeatureModel(DeltaModel):
     def _as_moments(self, inputs: th.Tensor, mean: th.Tensor, std: th.Tensor) -> Moments:
         return Moments(mean.to(inputs), std.to(inputs), th.full_like(mean, self.noise_std).to(inputs))
 
+    def information_gain(self) -> float:
+        return self.state_dim * self.regression.information_gain()
+
     def confidence_width(self, delta: float, norm_bound: float) -> float:
-        gain = self.state_dim * self.regression.information_gain()
-        return norm_bound + 4 * self.noise_std * math.sqrt(gain + 1 + math.log(1 / delta))
+        return confidence_width(self.information_gain(), self.noise_std, delta, norm_bound)
 
 
 class RandomFourierModel(FeatureModel):

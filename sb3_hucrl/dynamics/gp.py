@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -14,6 +13,7 @@ from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.cholesky import safe_cholesky
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
 from sb3_hucrl.dynamics.hyperparameters import maximise_marginal_likelihood, rbf_kernel
+from sb3_hucrl.theory.confidence import confidence_width
 
 #: pairs of random features in the prior part of a sampled function
 PRIOR_FREQUENCIES = 512
@@ -223,9 +223,12 @@ class GaussianProcess(DeltaModel):
 
         return function
 
+    def information_gain(self) -> float:
+        return self.posterior.information_gain
+
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         noise_std = float(self.noise_variance.max().sqrt())
-        return norm_bound + 4 * noise_std * math.sqrt(self.posterior.information_gain + 1 + math.log(1 / delta))
+        return confidence_width(self.information_gain(), noise_std, delta, norm_bound)
 
     def _apply(self, fn: Callable[[th.Tensor], th.Tensor], recurse: bool = True) -> GaussianProcess:
         self._posterior = None

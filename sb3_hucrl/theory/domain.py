@@ -1,0 +1,85 @@
+"""
+How far noise and dynamics can take the state (appendix I).
+
+A σ-sub-Gaussian ω has P(|ω| > s) ≤ exp(1 - s²/σ²) (Definition 1); a normal distribution of standard deviation v is
+√2 v-sub-Gaussian.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def noise_bound(sigma: float, dim: int, delta: float) -> float:
+    """
+    Bound on ‖ω‖₂² that holds with probability 1 - δ, for Lemma 21: 2σ² (p ln(1 + e) + ln(1/δ)).
+
+    The paper prints 2σp + (4σ/e) ln(2/δ), which is linear in σ where ‖ω‖² is quadratic, and so too small for a large
+    σ. This one follows from Definition 1 by E exp(ω²/(2σ²)) ≤ 1 + e and Chernoff's inequality.
+
+    :param sigma: σ of each entry
+    :param dim: p
+    :param delta: δ
+    """
+    return 2 * sigma**2 * (dim * math.log(1 + math.e) + math.log(1 / delta))
+
+
+def noise_bound_over_time(sigma: float, dim: int, delta: float, step: int) -> float:
+    """
+    Bound on ‖ω_n‖₂² that holds for all n ≥ 0 together with probability 1 - δ (Lemma 22): step n may fail with
+    probability 6δ / (π (n + 1))².
+
+    :param sigma: σ of each entry
+    :param dim: p
+    :param delta: δ
+    :param step: n
+    """
+    return noise_bound(sigma, dim, delta / ((step + 1) ** 2 * math.pi**2 / 6))
+
+
+def noise_sum_bound(sigma: float, dim: int, delta: float, horizon: int, episode: int | None = None) -> float:
+    """
+    Bound on Σ_n ‖ω_n‖₂ over an episode, with probability 1 - δ (Lemma 23), or over each of all episodes together
+    (Lemma 24).
+
+    :param sigma: σ of each entry
+    :param dim: p
+    :param delta: δ
+    :param horizon: N
+    :param episode: t ≥ 1 of Lemma 24; None for a single episode
+    """
+    budget = delta / horizon
+    if episode is not None:
+        budget /= episode**2 * math.pi**2 / 6
+    return horizon * math.sqrt(noise_bound(sigma, dim, budget))
+
+
+def state_deviation(closed_loop: float, first_step: float, step: int, noise_sum: float) -> float:
+    """
+    Bound on ‖s_n - s_0‖, inequality (134) of Lemma 25: (1 + L_fc)^(n-1) (n ‖f(s_0) - s_0‖ + Σ_i ‖ω_i‖).
+
+    :param closed_loop: L_fc, Lipschitz constant of the closed loop
+    :param first_step: ‖f(s_0) - s_0‖
+    :param step: n ≥ 1
+    :param noise_sum: Σ_i ‖ω_i‖ until then
+    """
+    return (1 + closed_loop) ** (step - 1) * (step * first_step + noise_sum)
+
+
+def domain_radius(
+    closed_loop: float, first_step: float, sigma: float, dim: int, delta: float, horizon: int, episode: int
+) -> float:
+    """
+    b_t: all states of all episodes are this close to s_0, with probability 1 - δ (Lemma 26).
+
+    The lemma's statement has L_fc where its proof has 1 + L_fc; this is the proof's.
+
+    :param closed_loop: L_fc
+    :param first_step: B_0, bound on ‖f(s_0) - s_0‖₂
+    :param sigma: σ of each entry of the noise
+    :param dim: p
+    :param delta: δ
+    :param horizon: N
+    :param episode: t ≥ 1
+    """
+    return state_deviation(closed_loop, first_step, horizon, noise_sum_bound(sigma, dim, delta, horizon, episode))

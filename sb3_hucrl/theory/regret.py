@@ -1,0 +1,125 @@
+"""Bounds on the regret, with the constants that the paper's O(·) hides (appendices D, H and I)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LipschitzConstants:
+    """
+    Of Assumptions 1 and 3, with respect to the 2-norm.
+
+    :param dynamics: L_f, of the true dynamics in (s, a)
+    :param policy: L_π, of all policies
+    :param std: L_σ, of the model's standard deviation in (s, a)
+    :param reward: L_r, of the reward in (s, a)
+    """
+
+    dynamics: float
+    policy: float
+    std: float
+    reward: float
+
+    @property
+    def through_policy(self) -> float:
+        """√(1 + L_π²): how much (s, π(s)) changes with s. The paper prints √(1 + L_π), which is less where L_π > 1."""
+        return math.sqrt(1 + self.policy**2)
+
+    @property
+    def closed_loop(self) -> float:
+        """L_fc of Corollary 1."""
+        return self.dynamics * self.through_policy
+
+    def deviation(self, beta: float) -> float:
+        """L̄_f = 1 + L_fc + 2β L_σ √(1 + L_π²) of Lemma 4: growth per step of true and imagined states' distance."""
+        return 1 + self.closed_loop + 2 * beta * self.std * self.through_policy
+
+    def performance(self, beta: float, horizon: int) -> float:
+        """L_J = 2 L_r √(1 + L_π²) β L̄_f^(N-1) of Lemma 5."""
+        return 2 * self.reward * self.through_policy * beta * self.deviation(beta) ** (horizon - 1)
+
+
+def regret_bound(
+    constants: LipschitzConstants, beta: float, horizon: int, episodes: int, total_uncertainty: float
+) -> float:
+    """
+    R_T ≤ L_J √(T N³ I_T) (Theorem 1, by way of Lemma 7).
+
+    :param constants: of Lipschitz continuity
+    :param beta: β_{T-1}
+    :param horizon: N
+    :param episodes: T
+    :param total_uncertainty: I_T of equation (52), the largest sum of variances that T episodes can meet
+    """
+    return constants.performance(beta, horizon) * math.sqrt(episodes * horizon**3 * total_uncertainty)
+
+
+def uncertainty_bound(max_std: float, noise_std: float, horizon: int, dim: int, capacity: float) -> float:
+    """
+    I_T ≤ 2 σ_max² N p γ / ln(1 + σ_max²/σ²), for Lemma 17.
+
+    The paper prints σ_max where the proof has variances, and loses the 2 that Lemma 16's ½ leaves behind.
+
+    :param max_std: σ_max, bound on the model's standard deviation
+    :param noise_std: σ
+    :param horizon: N
+    :param dim: p
+    :param capacity: γ after T N p observations, equation (64)
+    """
+    return 2 * max_std**2 * horizon * dim * capacity / math.log1p((max_std / noise_std) ** 2)
+
+
+def regret_bound_of_capacity(
+    constants: LipschitzConstants,
+    beta: float,
+    horizon: int,
+    episodes: int,
+    dim: int,
+    capacity: float,
+    max_std: float,
+    noise_std: float,
+) -> float:
+    """
+    Theorem 3, for states in a compact set: Theorem 1 with Lemma 17.
+
+    :param constants: of Lipschitz continuity
+    :param beta: β_{T-1}
+    :param horizon: N
+    :param episodes: T
+    :param dim: p
+    :param capacity: γ after T N p observations, equation (64)
+    :param max_std: σ_max, bound on the model's standard deviation
+    :param noise_std: σ
+    """
+    total = uncertainty_bound(max_std, noise_std, horizon, dim, capacity)
+    return regret_bound(constants, beta, horizon, episodes, total)
+
+
+def regret_bound_of_unbounded_states(
+    constants: LipschitzConstants,
+    beta: float,
+    horizon: int,
+    episodes: int,
+    dim: int,
+    radius: float,
+    capacity: Callable[[float], float],
+    max_std: float,
+    noise_std: float,
+) -> float:
+    """
+    Theorem 5, for noise that may be of any size: Theorem 3 on the ball that holds all states with high probability.
+
+    :param constants: of Lipschitz continuity
+    :param beta: β_{T-1}
+    :param horizon: N
+    :param episodes: T
+    :param dim: p
+    :param radius: b_T, see :func:`sb3_hucrl.theory.domain_radius`
+    :param capacity: maps the radius of a ball to γ after T N p observations there
+    :param max_std: σ_max there
+    :param noise_std: σ
+    """
+    return regret_bound_of_capacity(constants, beta, horizon, episodes, dim, capacity(radius), max_std, noise_std)
