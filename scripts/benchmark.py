@@ -13,6 +13,7 @@ import itertools
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -21,9 +22,9 @@ from typing import Any
 
 import pandas as pd
 import yaml
-from results_table import ResultsTable, real_episodes
 from tqdm import tqdm
 
+from results_table import ResultsTable, real_episodes
 from sb3_hucrl.dynamics import DYNAMICS, NOT_LEARNED
 from sb3_hucrl.envs import ENVIRONMENTS
 from sb3_hucrl.runs import ZooRun
@@ -68,9 +69,15 @@ def hyperparameters(algo: str, env: str) -> dict[str, Any]:
     return settings
 
 
-def command(run: Run, folder: str, reward_threshold: float | None) -> list[str]:
-    """The command line of a run, which ends with a real episode that returns the threshold, if there is one."""
-    callback = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
+def callback_settings(run: Run) -> dict[str, Any]:
+    """The package's own settings of the callback for a run."""
+    settings: dict[str, Any] = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
+    return settings
+
+
+def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
+    """The command line of a run, with further settings of the callback."""
+    callback = callback_settings(run)
     chosen = EXPLORATIONS[run.exploration]
     if "exploration" in chosen:
         del callback["exploration_kwargs"]
@@ -79,7 +86,7 @@ def command(run: Run, folder: str, reward_threshold: float | None) -> list[str]:
     if run.dynamics == "truth":
         callback["dynamics_kwargs"] = {"env": run.env}
     callback["start_states"] = START_STATES[run.start_states]
-    callback["reward_threshold"] = reward_threshold
+    callback.update(settings)
     hallucinate = callback["exploration"] == "optimistic"
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
     return [
@@ -90,11 +97,11 @@ def command(run: Run, folder: str, reward_threshold: float | None) -> list[str]:
     ]
 
 
-def execute(run: Run, params: list[str], reward_threshold: float | None) -> pd.DataFrame:
+def execute(run: Run, params: list[str], settings: Mapping[str, Any]) -> pd.DataFrame:
     """Train, and return one row for each real episode; a failure is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.run(
-            [*command(run, folder, reward_threshold), *params], capture_output=True, text=True, check=False
+            [*command(run, folder, settings), *params], capture_output=True, text=True, check=False
         )
         if process.returncode != 0:
             tqdm.write(f"{run} failed:\n{process.stderr[-2000:]}")
@@ -145,14 +152,14 @@ def main() -> None:
     parser.add_argument("--params", nargs="*", default=[], help="passed on to rl_zoo3 train as further -params")
     args = parser.parse_args()
 
-    settings = itertools.product(
+    combinations = itertools.product(
         args.algo, [args.env], args.exploration, args.dynamics, args.penalties, args.start_states, args.seeds
     )
     # Seed by seed, so that an interrupted benchmark has whole seeds.
-    runs = sorted((Run(*setting) for setting in settings), key=lambda run: run.seed)
+    runs = sorted((Run(*setting) for setting in combinations), key=lambda run: run.seed)
     table = ResultsTable(args.output, Run)
-    threshold = args.solved if args.until_solved else None
-    table.fill(runs, partial(execute, params=args.params, reward_threshold=threshold), args.jobs)
+    settings = {"reward_threshold": args.solved} if args.until_solved else {}
+    table.fill(runs, partial(execute, params=args.params, settings=settings), args.jobs)
     if not table.rows.empty:
         print(summary(table.rows, args.solved).to_string())
 

@@ -22,11 +22,11 @@ import gymnasium as gym
 import pandas as pd
 import torch as th
 from gymnasium.wrappers import FlattenObservation
-from results_table import ResultsTable, real_episodes
 from rl_zoo3.utils import StoreDict
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
+from results_table import ResultsTable, real_episodes
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
 from sb3_hucrl.spaces import require_vector_observation
 

@@ -19,13 +19,13 @@ import numpy as np
 import pandas as pd
 import torch as th
 from gymnasium import spaces
-from results_table import ResultsTable
-from true_pendulum import TruePendulum
 
+from results_table import ResultsTable
 from sb3_hucrl import Greedy
 from sb3_hucrl.hallucinated_system import HallucinatedSystem
 from sb3_hucrl.planning import ActionSequence, Bounds, ImaginedReturns, PlanningProblem, make_planner
 from sb3_hucrl.tasks import PendulumTask
+from true_pendulum import TruePendulum
 
 ENV_ID = "HUCRL-Pendulum-v0"
 #: about the same time for each, and noise that moves far, which a reward so far away needs

@@ -57,10 +57,9 @@ def gp_ucb(
     """
     if num_steps < 1 or not beta >= 0:
         raise ValueError(f"num_steps is {num_steps}, beta {beta}: give at least 1 and 0")
-    candidates = candidates.double()
+    values, candidates = objective(candidates).double(), candidates.double()
     kernel = rbf_kernel(th.Size([1]), candidates.shape[1], lengthscale, outputscale)
     noise_variance = th.full((1, 1), noise_std**2, dtype=th.float64)
-    values = objective(candidates).double()
     chosen, observed = [first], [_observe(values, first, noise_std, generator)]
     while True:
         inputs, targets = candidates[chosen], th.stack(observed).unsqueeze(1)
