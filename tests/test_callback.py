@@ -252,8 +252,7 @@ def test_ending_twice_changes_nothing() -> None:
 
 
 def test_training_stops_with_the_first_real_episode_that_is_good_enough() -> None:
-    model = small_sac(imagination_env(max_episode_steps=40))
-    model.learn(320, small_callback(reward_threshold=1e9))
+    model = small_sac(imagination_env(max_episode_steps=40)).learn(320, small_callback(reward_threshold=1e9))
     assert state_of(model).real_episodes == 5
     other = small_sac(imagination_env(max_episode_steps=40))
     other.learn(320, small_callback(initial_episodes=2, reward_threshold=-1e9))

@@ -14,6 +14,7 @@ import scipy.stats
 import torch as th
 
 from helpers import TruePendulum, imagination_env, pendulum_dataset, small_callback, small_sac
+from sb3_hucrl import Prediction
 from sb3_hucrl.dynamics.gp import ExactGP
 from sb3_hucrl.state import get_state
 from sb3_hucrl.theory import (
@@ -172,10 +173,10 @@ def test_the_sum_of_variances_stays_within_lemma_17s_bound() -> None:
 
 def test_lipschitz_estimates_are_the_slopes_of_the_function() -> None:
     class Known(TruePendulum):
-        def predict(self, state: th.Tensor, action: th.Tensor) -> object:  # type: ignore[override]
+        def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
             prediction = super().predict(state, action)
             mean = th.stack([3 * state[:, 0] + 4 * action[:, 0], 0.5 * state[:, 1]], dim=1)
-            return type(prediction)(mean, (0.1 * state).sin() + 2, prediction.aleatoric_std)
+            return Prediction(mean, (0.1 * state).sin() + 2, prediction.aleatoric_std)
 
     states, actions = th.zeros(8, 2), th.rand(8, 1)
     estimate = estimate_lipschitz(Known(), states, actions)
