@@ -31,12 +31,12 @@ class Run:
     seed: int
 
 
-def execute(run: Run, steps: int, eval_freq: int, eval_episodes: int) -> pd.DataFrame:
+def execute(run: Run, eval_freq: int, eval_episodes: int) -> pd.DataFrame:
     """Train, and return one row for each evaluation of the policy's mode; a failure is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
             *(sys.executable, "-m", "sb3_hucrl.zoo", "train", "--algo", run.algo, "--env", run.env),
-            *("--seed", str(run.seed), "-n", str(steps), "--num-threads", "1", "-f", folder),
+            *("--seed", str(run.seed), "--num-threads", "1", "-f", folder),
             *("--eval-freq", str(eval_freq), "--eval-episodes", str(eval_episodes)),
         ]
         process = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -62,7 +62,6 @@ def main() -> None:
     parser.add_argument("--algo", nargs="+", default=["mpo"])
     parser.add_argument("--env", default="Pendulum-v1")
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
-    parser.add_argument("--steps", type=int, default=-1, help="by default those of the package's settings")
     parser.add_argument("--eval-freq", type=int, default=3_000)
     parser.add_argument("--eval-episodes", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
@@ -71,7 +70,7 @@ def main() -> None:
 
     runs = [Run(algo, args.env, seed) for algo in args.algo for seed in args.seeds]
     table = ResultsTable(args.output, Run)
-    work = partial(execute, steps=args.steps, eval_freq=args.eval_freq, eval_episodes=args.eval_episodes)
+    work = partial(execute, eval_freq=args.eval_freq, eval_episodes=args.eval_episodes)
     table.fill(runs, work, args.jobs)
     if not table.rows.empty:
         print(table.rows.pivot_table(index="steps", columns=["algo", "env", "seed"], values="mean_return").to_string())

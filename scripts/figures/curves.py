@@ -19,13 +19,12 @@ from matplotlib.ticker import MaxNLocator
 @dataclass(frozen=True)
 class Curves:
     """
-    One panel for each action penalty, one curve for each strategy (and model).
+    One panel for each action penalty, one curve for each strategy.
 
     :param title: above the picture
     :param env: id of the environment
     :param penalties: of the panels
     :param explorations: names of benchmark.py's strategies
-    :param dynamics: names of models
     :param episodes: real ones, with the random first one
     :param column: what is drawn
     :param label: of that axis
@@ -36,7 +35,6 @@ class Curves:
     env: str
     penalties: tuple[float, ...]
     explorations: tuple[str, ...] = ("optimistic", "greedy", "thompson")
-    dynamics: tuple[str, ...] = ("ensemble",)
     episodes: int = 10
     column: str = "real_return"
     label: str = "real return"
@@ -49,11 +47,10 @@ class Curves:
         """
         return [
             Experiment(
-                Run("sac", self.env, exploration, dynamics, penalty, self.start_states, seed), self.episodes, quick
+                Run("sac", self.env, exploration, "ensemble", penalty, self.start_states, seed), self.episodes, quick
             )
             for seed in seeds
             for penalty in self.penalties
-            for dynamics in self.dynamics
             for exploration in self.explorations
         ]
 
@@ -67,10 +64,11 @@ class Curves:
         )
         for axis, penalty in zip(axes[0], self.penalties, strict=True):
             panel = results[results.action_penalty == penalty]
-            for (exploration, dynamics), runs in panel.groupby(["exploration", "dynamics"], sort=False):
+            for exploration, runs in panel.groupby("exploration", sort=False):
                 values = runs.pivot_table(index="episode", columns="seed", values=self.column)
-                name = exploration if len(self.dynamics) == 1 else f"{exploration}, {dynamics}"
-                [line] = axis.plot(values.index, values.median(axis=1), marker="o", markersize=3, label=name)
+                [line] = axis.plot(
+                    values.index, values.median(axis=1), marker="o", markersize=3, label=str(exploration)
+                )
                 low, high = values.min(axis=1), values.max(axis=1)
                 axis.fill_between(values.index, low, high, color=line.get_color(), alpha=0.15, linewidth=0)
             axis.set_title(f"action penalty {penalty}", fontsize=10)
