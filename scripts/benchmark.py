@@ -42,6 +42,13 @@ EXPLORATIONS: dict[str, dict[str, Any]] = {
     "greedy_tsinf": {"exploration": "greedy", "exploration_kwargs": {"propagation": "tsinf"}},
     "thompson": {"exploration": "thompson"},
     "bonus": {"exploration": "bonus", "exploration_kwargs": {"weight": 1.0}},
+    **{
+        f"thompson_{number}": {"exploration": "thompson", "dynamics_kwargs": {"num_members": number}}
+        for number in (10, 20, 50, 100)
+    },
+    "optimistic_no_bootstrap": {"dynamics_kwargs": {"bootstrap": False}},
+    "greedy_no_bootstrap": {"exploration": "greedy", "dynamics_kwargs": {"bootstrap": False}},
+    "thompson_no_bootstrap": {"exploration": "thompson", "dynamics_kwargs": {"bootstrap": False}},
 }
 START_STATES = {
     "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},

@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, astuple, fields
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
 RunT = TypeVar("RunT", bound="DataclassInstance")
 
 
+@cache
 def commit() -> str:
-    """The commit that results belong to."""
+    """The commit that results belong to: the one that was checked out when it was first asked for."""
     command = ["git", "describe", "--always", "--dirty"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmark import Run
-from figures import CURVES
+from figures import FIGURES
 from figures.experiment import Experiment
 from figures.launcher import launch
 
@@ -55,18 +55,20 @@ def test_a_finished_run_is_not_run_again(tmp_path: Path) -> None:
 
 
 def test_figures_share_the_runs_that_they_have_in_common() -> None:
-    returns, simulated = (CURVES[number].experiments([51, 52], quick=False) for number in (6, 15))
+    returns, simulated = (FIGURES[number].jobs([51, 52], quick=False) for number in (6, 15))
     assert returns == simulated
     assert len({each.path(Path()) for each in returns}) == 2 * 3 * 3
 
 
 def test_a_figure_is_drawn_from_what_there_is(tmp_path: Path) -> None:
-    figure = CURVES[6]
-    rows = [
-        {"episode": episode, "real_return": 10.0 * episode, **vars(each.run)}
-        for each in figure.experiments([51, 52], quick=False)
-        if each.run.action_penalty < 0.2
-        for episode in (1, 2)
-    ]
-    figure.draw(pd.DataFrame(rows), tmp_path / "figure.png")
+    figure = FIGURES[6]
+    jobs = [job for job in figure.jobs([51, 52], quick=False) if isinstance(job, Experiment)]
+    for job in jobs:
+        if job.run.action_penalty < 0.2:
+            path = job.path(tmp_path)
+            path.parent.mkdir(exist_ok=True)
+            rows = pd.DataFrame({"episode": [1, 2], "real_return": [10.0, 200.0], **vars(job.run)})
+            rows.to_csv(path, index=False)
+    numbers = figure.draw(tmp_path, [51, 52], False, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
+    assert numbers.count("optimistic") == 2

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import torch as th
 
 from sb3_hucrl.data import TransitionDataset
-from sb3_hucrl.dynamics.delta import DeltaModel, Moments
+from sb3_hucrl.dynamics.base import Predictor
+from sb3_hucrl.dynamics.delta import DeltaModel, Moments, SampledModel
 from sb3_hucrl.dynamics.networks import BatchedNetworks
 from sb3_hucrl.progress import progress_bar
 
@@ -101,19 +103,35 @@ class Ensemble(DeltaModel):
         return Moments(average[:, :p], spread[:, :p].clamp(min=1e-12).sqrt(), noise[:, -p:].sqrt())
 
     def _sample(self, generator: th.Generator, num_samples: int) -> Callable[[th.Tensor], Moments]:
-        members = th.randint(self.num_members, (num_samples,), generator=generator).to(self.device)
-        p = self.state_dim
+        members = th.randint(self.num_members, (num_samples,), generator=generator)
+        if num_samples == 1:
+            return partial(self._member_moments, int(members))
+        members = members.to(self.device)
 
         def function(inputs: th.Tensor) -> Moments:
-            if num_samples == 1:
-                outputs = self.networks(inputs.unsqueeze(0), slice(int(members), int(members) + 1))[0]
-            else:
-                rows = th.arange(len(inputs), device=inputs.device)
-                outputs = self.networks(inputs.expand(self.num_members, -1, -1))[members[rows % num_samples], rows]
-            mean = outputs[:, :p]
-            return Moments(mean, th.zeros_like(mean), self._noise(outputs)[:, -p:].sqrt())
+            rows = th.arange(len(inputs), device=inputs.device)
+            return self._certain(
+                self.networks(inputs.expand(self.num_members, -1, -1))[members[rows % num_samples], rows]
+            )
 
         return function
+
+    def _member_moments(self, index: int, inputs: th.Tensor) -> Moments:
+        return self._certain(self.networks(inputs.unsqueeze(0), slice(index, index + 1))[0])
+
+    def _certain(self, outputs: th.Tensor) -> Moments:
+        mean = outputs[:, : self.state_dim]
+        return Moments(mean, th.zeros_like(mean), self._noise(outputs)[:, -self.state_dim :].sqrt())
+
+    def member(self, index: int) -> Predictor:
+        """
+        :param index: of the member, from 0 on
+        :return: what it alone predicts, until the next fit
+        :raises ValueError: if there is no such member
+        """
+        if not 0 <= index < self.num_members:
+            raise ValueError(f"there is no member {index}: give 0 to {self.num_members - 1}")
+        return SampledModel(self, partial(self._member_moments, index))
 
     def _learn(
         self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator

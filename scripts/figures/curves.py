@@ -2,81 +2,113 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import matplotlib as mpl
 import pandas as pd
 
-from benchmark import Run
+from benchmark import Run, summary
 from figures.experiment import Experiment
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
+
+#: SAC in JAX, which is faster than PyTorch's with networks as small as these
+ALGO = "sbx_sac"
+STRATEGIES = {"optimistic": "H-UCRL", "greedy": "greedy", "thompson": "Thompson"}
+
+
+def draw_curve(axis: Axes, values: pd.DataFrame, label: str) -> None:
+    """
+    :param axis: to draw on
+    :param values: index: where; one column for each seed
+    :param label: in the legend
+    """
+    [line] = axis.plot(values.index, values.median(axis=1), marker="o", markersize=3, label=label)
+    axis.fill_between(
+        values.index, values.min(axis=1), values.max(axis=1), color=line.get_color(), alpha=0.15, linewidth=0
+    )
 
 
 @dataclass(frozen=True)
 class Curves:
     """
-    One panel for each action penalty, one curve for each strategy.
+    One column of panels for each action penalty, one row for each dynamics model, one curve for each strategy.
 
     :param title: above the picture
     :param env: id of the environment
-    :param penalties: of the panels
-    :param explorations: names of benchmark.py's strategies
+    :param penalties: of the columns
+    :param dynamics: names of the models of the rows
+    :param explorations: names of benchmark.py's strategies, and their labels
     :param episodes: real ones, with the random first one
     :param column: what is drawn
     :param label: of that axis
     :param start_states: name of benchmark.py's start states
+    :param solved: return that counts as solved
     """
 
     title: str
     env: str
     penalties: tuple[float, ...]
-    explorations: tuple[str, ...] = ("optimistic", "greedy", "thompson")
+    dynamics: tuple[str, ...] = ("ensemble",)
+    explorations: Mapping[str, str] = field(default_factory=lambda: STRATEGIES)
     episodes: int = 10
     column: str = "real_return"
     label: str = "real return"
     start_states: str = "exploratory"
+    solved: float = 150.0
 
-    def experiments(self, seeds: list[int], quick: bool) -> list[Experiment]:
+    def jobs(self, seeds: list[int], quick: bool) -> list[Experiment]:
         """
         :param seeds: of each curve
-        :param quick: whether to search next to nothing
+        :param quick: whether to search next to nothing, and with the highest penalty only
         """
         return [
-            Experiment(
-                Run("sac", self.env, exploration, "ensemble", penalty, self.start_states, seed), self.episodes, quick
-            )
+            Experiment(Run(ALGO, self.env, exploration, model, penalty, self.start_states, seed), self.episodes, quick)
             for seed in seeds
-            for penalty in self.penalties
+            for penalty in (self.penalties[-1:] if quick else self.penalties)
+            for model in self.dynamics
             for exploration in self.explorations
         ]
 
-    def draw(self, results: pd.DataFrame, path: Path) -> None:
+    def draw(self, folder: Path, seeds: list[int], quick: bool, picture: Path) -> str:
         """
-        :param results: rows of all experiments
-        :param path: of the picture
+        :param folder: of all results
+        :param seeds: of each curve
+        :param quick: whether the quick runs are to be drawn
+        :param picture: is written
+        :return: for each curve the first solved episode and the mean of the last three
         """
+        paths = [each.path(folder) for each in self.jobs(seeds, quick)]
+        results = pd.concat([pd.read_csv(path) for path in paths if path.exists()])
         figure, axes = plt.subplots(
-            1, len(self.penalties), figsize=(4.2 * len(self.penalties), 3.6), squeeze=False, layout="constrained"
+            len(self.dynamics),
+            len(self.penalties),
+            figsize=(4.2 * len(self.penalties), 3.4 * len(self.dynamics) + 0.2),
+            squeeze=False,
+            sharex=True,
+            layout="constrained",
         )
-        for axis, penalty in zip(axes[0], self.penalties, strict=True):
-            panel = results[results.action_penalty == penalty]
-            for exploration, runs in panel.groupby("exploration", sort=False):
-                values = runs.pivot_table(index="episode", columns="seed", values=self.column)
-                [line] = axis.plot(
-                    values.index, values.median(axis=1), marker="o", markersize=3, label=str(exploration)
-                )
-                low, high = values.min(axis=1), values.max(axis=1)
-                axis.fill_between(values.index, low, high, color=line.get_color(), alpha=0.15, linewidth=0)
-            axis.set_title(f"action penalty {penalty}", fontsize=10)
+        for row, model in zip(axes, self.dynamics, strict=True):
+            for axis, penalty in zip(row, self.penalties, strict=True):
+                axis.set_title(f"{model}, action penalty {penalty}", fontsize=10)
+                self._draw_panel(axis, results[(results.action_penalty == penalty) & (results.dynamics == model)])
+            row[0].set_ylabel(self.label)
+        for axis in axes[-1]:
             axis.set_xlabel("real episode")
-            axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-            axis.grid(alpha=0.3)
-        axes[0][0].set_ylabel(self.label)
-        axes[0][0].legend(fontsize=8)
+        axes[0][-1].legend(fontsize=8)
         figure.suptitle(f"{self.title} (seeds: {results.seed.nunique()}; median and range)", fontsize=11)
-        figure.savefig(path, dpi=130)
+        figure.savefig(picture, dpi=130)
         plt.close(figure)
+        return summary(results.assign(real_return=results[self.column]), self.solved).to_string()
+
+    def _draw_panel(self, axis: Axes, panel: pd.DataFrame) -> None:
+        for exploration, label in self.explorations.items():
+            runs = panel[panel.exploration == exploration]
+            draw_curve(axis, runs.pivot_table(index="episode", columns="seed", values=self.column), label)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axis.grid(alpha=0.3)

@@ -1,11 +1,11 @@
-"""One training run of a figure, and the CSV that it leaves."""
+"""One training run of a figure, and the CSVs that it leaves."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import tempfile
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from typing import Any
 import pandas as pd
 
 from benchmark import Run, callback_settings, command
+from figures.trajectories import trajectories
 from results_table import commit, real_episodes
 from sb3_hucrl.runs import ZooRun
 
-PACKAGES = ("sb3_hucrl", "stable_baselines3", "gymnasium", "torch")
+PENDULUM = "HUCRL-Pendulum-v0"
+PACKAGES = ("sb3_hucrl", "stable_baselines3", "sbx_rl", "gymnasium", "torch")
 LOGGED = {
     "imagined_return": "imagined/return",
     "epistemic_std": "imagined/epistemic_std",
@@ -28,22 +30,59 @@ QUICK_SETTINGS: dict[str, Any] = {"imagined_steps": 640, "horizon": 50}
 QUICK_EPISODES = 4
 
 
+def write_whole(rows: pd.DataFrame, path: Path) -> None:
+    """
+    The file appears at once, so that nobody ever reads half of it.
+
+    :param rows: of the CSV
+    :param path: is compressed if it ends in .gz
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f"{os.getpid()}-{path.name}")
+    rows.to_csv(unfinished, index=False)
+    unfinished.replace(path)
+
+
+def run_process(words: list[str], name: str) -> None:
+    """
+    :param words: of the command
+    :param name: for messages
+    :raises RuntimeError: if it fails
+    :raises InterruptedError: if it was killed, so that it may be tried again
+    """
+    process = subprocess.run(words, capture_output=True, text=True, check=False)
+    if process.returncode < 0:
+        raise InterruptedError(f"{name} was killed by signal {-process.returncode}")
+    if process.returncode != 0:
+        raise RuntimeError(f"{name} failed:\n{process.stderr[-2000:]}")
+
+
 @dataclass(frozen=True)
 class Experiment:
     """
     :param run: what is trained
     :param episodes: real episodes, with the random first one
     :param quick: search so little that nothing is learned, to see that everything works
+    :param commit: of the code
     """
 
     run: Run
     episodes: int
     quick: bool
+    commit: str = field(default_factory=commit, compare=False)
+
+    @property
+    def name(self) -> str:
+        """All that tells it apart."""
+        return "-".join(str(value) for value in (*astuple(self.run), self.episodes))
 
     def path(self, folder: Path) -> Path:
         """Where the results are kept; several figures may share them."""
-        name = "-".join(str(value) for value in (*astuple(self.run), self.episodes))
-        return folder / ("quick" if self.quick else "runs") / f"{name}.csv"
+        return folder / ("quick" if self.quick else "runs") / f"{self.name}.csv"
+
+    def trajectories_path(self, folder: Path) -> Path:
+        """Where optimistic runs of the pendulum keep their real and imagined trajectories."""
+        return self.path(folder).with_name(f"{self.name}-trajectories.csv.gz")
 
     def _command(self, folder: str) -> list[str]:
         settings = QUICK_SETTINGS if self.quick else {}
@@ -54,7 +93,7 @@ class Experiment:
 
     def execute(self, folder: Path) -> None:
         """
-        Train, unless the CSV is there already. It appears at once and whole, whatever interrupts the run.
+        Train, unless the CSV is there already.
 
         :param folder: of all results
         :raises RuntimeError: if training fails
@@ -64,23 +103,17 @@ class Experiment:
         if path.exists():
             return
         with tempfile.TemporaryDirectory() as logs:
-            process = subprocess.run(self._command(logs), capture_output=True, text=True, check=False)
-            if process.returncode < 0:
-                raise InterruptedError(f"{path.stem} was killed by signal {-process.returncode}")
-            if process.returncode != 0:
-                raise RuntimeError(f"{path.stem} failed:\n{process.stderr[-2000:]}")
+            run_process(self._command(logs), self.name)
             [run_folder] = Path(logs).glob(f"{self.run.algo}/{self.run.env}_*/")
-            rows = self._rows(run_folder)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_suffix(f".{os.getpid()}.tmp")
-        rows.to_csv(unfinished, index=False)
-        unfinished.replace(path)
+            run = ZooRun(run_folder)
+            if self.run.env == PENDULUM and self.run.exploration == "optimistic":
+                write_whole(trajectories(run.state), self.trajectories_path(folder))
+            write_whole(self._rows(run), path)
 
-    def _rows(self, run_folder: Path) -> pd.DataFrame:
-        rows = real_episodes(str(run_folder))
-        progress = ZooRun(run_folder).progress
+    def _rows(self, run: ZooRun) -> pd.DataFrame:
+        rows = real_episodes(str(run.folder))
         for name, column in LOGGED.items():
-            if column in progress:
-                rows[name] = progress[column].reindex(rows.episode).to_numpy().round(4)
+            if column in run.progress:
+                rows[name] = run.progress[column].reindex(rows.episode).to_numpy().round(4)
         versions = {package: version(package) for package in PACKAGES}
-        return rows.assign(**vars(self.run), commit=commit(), **versions)
+        return rows.assign(**vars(self.run), commit=self.commit, **versions)

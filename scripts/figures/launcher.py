@@ -1,36 +1,82 @@
-"""Independent runs side by side. A killed one is tried again."""
+"""Independent jobs side by side, here or on a Ray cluster. A killed one is tried again."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tqdm import tqdm
 
-from figures.experiment import Experiment
+from figures.job import Job
 
-#: how often a run that was killed is tried again
+SCRIPTS = Path(__file__).parent.parent
+#: how often a job that was killed is tried again
 RETRIES = 2
 
 
-def launch(experiments: Sequence[Experiment], folder: Path, jobs: int) -> list[str]:
+def launch(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[str]:
     """
-    :param experiments: what to run; each is a process of its own
+    Run jobs as processes of this machine.
+
+    :param jobs: each starts a process of its own
     :param folder: of all results
-    :param jobs: how many side by side
+    :param side_by_side: how many at a time
     :return: what went wrong
     """
-    with ThreadPoolExecutor(jobs) as pool:
-        results = pool.map(lambda each: _attempt(each, folder), experiments)
-        return [error for error in tqdm(results, total=len(experiments), unit="run") if error is not None]
+    with ThreadPoolExecutor(side_by_side) as pool:
+        return _errors(pool.map(lambda job: _attempt(job, folder), jobs), len(jobs))
 
 
-def _attempt(experiment: Experiment, folder: Path) -> str | None:
+def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[str]:
+    """
+    Run jobs on the cluster at ``RAY_ADDRESS``, or on a local one that is started for them. The nodes need this package
+    installed and share no disk with this machine: results come back over the network.
+
+    :param jobs: each takes one CPU
+    :param folder: of all results, on this machine
+    :param side_by_side: CPUs of the local cluster; another has its own
+    :return: what went wrong
+    """
+    import ray
+
+    num_cpus = None if "RAY_ADDRESS" in os.environ else side_by_side
+    ray.init(num_cpus=num_cpus, runtime_env={"working_dir": str(SCRIPTS)}, log_to_driver=False)
+    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(_execute_elsewhere)
+
+    def finished() -> Iterator[str | None]:
+        pending = {remote.remote(job): job for job in missing}
+        while pending:
+            [task], _ = ray.wait(list(pending), num_returns=1)
+            job = pending.pop(task)
+            try:
+                _keep(ray.get(task), folder)
+            except (RuntimeError, ray.exceptions.RayError) as error:
+                yield f"{job.name}: {error}"
+            else:
+                yield None
+
+    missing = [job for job in jobs if not job.path(folder).exists()]
+    try:
+        return _errors(finished(), len(missing))
+    finally:
+        ray.shutdown()
+
+
+LAUNCHERS = {"local": launch, "ray": launch_on_ray}
+
+
+def _errors(results: Iterable[str | None], total: int) -> list[str]:
+    return [error for error in tqdm(results, total=total, unit="run") if error is not None]
+
+
+def _attempt(job: Job, folder: Path) -> str | None:
     message = ""
     for _ in range(RETRIES + 1):
         try:
-            experiment.execute(folder)
+            job.execute(folder)
         except InterruptedError as error:
             message = str(error)
         except RuntimeError as error:
@@ -38,3 +84,24 @@ def _attempt(experiment: Experiment, folder: Path) -> str | None:
         else:
             return None
     return f"{message}, {RETRIES + 1} times"
+
+
+def _execute_elsewhere(job: Job) -> dict[str, bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        error = _attempt(job, Path(folder))
+        if error is not None:
+            raise RuntimeError(error)
+        paths = [path for path in Path(folder).rglob("*") if path.is_file()]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def _keep(files: dict[str, bytes], folder: Path) -> None:
+    # What says that a job is done comes last: its own CSV, after those that it was made from.
+    for name, content in files.items():
+        path = folder / name
+        if path.exists():
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = path.with_name(f"{os.getpid()}-{path.name}")
+        unfinished.write_bytes(content)
+        unfinished.replace(path)

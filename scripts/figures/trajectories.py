@@ -1,0 +1,47 @@
+"""What the pendulum did and what was imagined before, as rows of a CSV."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import torch as th
+
+from sb3_hucrl.data import Transitions
+from sb3_hucrl.state import HUCRLState
+
+
+def trajectories(state: HUCRLState) -> pd.DataFrame:
+    """
+    :param state: of a run that searched before all real episodes but the first ones
+    :return: one row for each step; ``imagined`` episodes have the number of the real one that they came before
+    """
+    ends = np.cumsum(state.dataset.lengths)
+    real = [state.dataset.transitions[slice(end - n, end)] for n, end in zip(state.dataset.lengths, ends, strict=True)]
+    imagined = enumerate(state.imagined_episodes, 1 + len(real) - len(state.imagined_episodes))
+    parts = [_rows("real", number, episode) for number, episode in enumerate(real, 1)]
+    return pd.concat([*parts, *(_rows("imagined", number, episode) for number, episode in imagined)])
+
+
+def _rows(kind: str, number: int, episode: Transitions) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "kind": kind,
+            "episode": number,
+            "angle": episode.states[:, 0].numpy().round(5),
+            "velocity": episode.states[:, 1].numpy().round(5),
+            "action": episode.actions[:, 0].numpy().round(5),
+            "reward": episode.rewards.numpy().round(5),
+        }
+    )
+
+
+def transitions(rows: pd.DataFrame) -> Transitions:
+    """
+    :param rows: of one episode
+    :return: all but the last, whose next state is not known
+    """
+    states = th.tensor(rows[["angle", "velocity"]].to_numpy(), dtype=th.float32)
+    actions = th.tensor(rows[["action"]].to_numpy(), dtype=th.float32)
+    rewards = th.tensor(rows.reward.to_numpy(), dtype=th.float32)
+    ends = th.zeros(len(rows) - 1, dtype=th.bool)
+    return Transitions(states[:-1], actions[:-1], states[1:], rewards[:-1], ends)

@@ -1,0 +1,107 @@
+"""
+Searches the policy that is best in the whole ensemble, optimistically, and in each member alone (appendix B.4.6).
+
+The models are those that a run had after its first real episodes: the ensemble is fitted to each of them in turn, as
+the run did.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch as th
+from rl_zoo3.utils import ALGOS
+from stable_baselines3.common.env_util import make_vec_env
+
+import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
+from benchmark import hyperparameters
+from figures.experiment import PENDULUM
+from figures.trajectories import transitions
+from sb3_hucrl import ImaginationVecEnv
+from sb3_hucrl.actors import policy_actor
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics import Predictor, ProbabilisticEnsemble
+from sb3_hucrl.exploration import ExplorationStrategy, Optimistic, Thompson
+from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.selection import imagined_return
+from sb3_hucrl.spaces import require_bounded_box
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.tasks import PendulumTask
+
+ALGO = "sbx_sac"
+HORIZON = 400
+#: imagined trajectories by which a policy is judged
+JUDGED = 32
+#: what the zoo reads and the algorithm does not take
+ZOO_SETTINGS = ("n_envs", "n_timesteps", "policy", "policy_kwargs", "vec_env_wrapper", "callback")
+
+
+def search(
+    model: Predictor, strategy: ExplorationStrategy, dataset: TransitionDataset, penalty: float, seed: int, steps: int
+) -> float:
+    """
+    :param model: the whole ensemble, or one member
+    :param strategy: how it is imagined
+    :param dataset: whose states imagination starts from
+    :param penalty: on actions
+    :param seed: of the search
+    :param steps: of imagination
+    :return: mean imagined return of the policy's mode, from where real episodes begin
+    """
+    settings: Mapping[str, Any] = hyperparameters(ALGO, PENDULUM)
+    hallucinate = isinstance(strategy, Optimistic)
+    kwargs = {"action_penalty": penalty, "hallucinate": hallucinate}
+    env = ImaginationVecEnv(make_vec_env(PENDULUM, settings["n_envs"], env_kwargs=kwargs))
+    task = PendulumTask(penalty)
+    env.imagine(model, strategy, task, HORIZON, StartStates(dataset, task), seed)
+    algorithm = ALGOS[ALGO](
+        settings["policy"],
+        env,
+        policy_kwargs={"net_arch": [64, 64]},
+        seed=seed,
+        **{name: value for name, value in settings.items() if name not in ZOO_SETTINGS},
+    )
+    algorithm.learn(steps)
+    starts = StartStates(dataset, task, {"initial": 1.0})
+    box = require_bounded_box(env.action_space)
+    judge = Imagination(model, strategy, task, starts, HORIZON, JUDGED, box, seed=0)
+    return imagined_return(judge, policy_actor(algorithm, deterministic=True))
+
+
+def main() -> None:
+    """Search in every model, write the returns."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trajectories", type=Path, help="of a run of reproduce.py")
+    parser.add_argument("--penalty", type=float, required=True)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--episodes", type=int, nargs="+", default=[1, 5, 10], help="real ones, after which to search")
+    parser.add_argument("--imagined-steps", type=int, default=51_200)
+    parser.add_argument("--output", type=Path, required=True)
+    args = parser.parse_args()
+    th.set_num_threads(1)
+    rows = pd.read_csv(args.trajectories)
+    real = rows[rows.kind == "real"]
+    generator = th.Generator().manual_seed(args.seed)
+    dataset = TransitionDataset(PendulumTask.state_dim, 1, seed=args.seed)
+    ensemble = ProbabilisticEnsemble(PendulumTask.state_dim, 1, PendulumTask.angle_dims, generator=generator)
+    found = []
+    for episode in range(1, max(args.episodes) + 1):
+        dataset.append_episode(transitions(real[real.episode == episode]))
+        ensemble.fit(dataset, generator)
+        if episode not in args.episodes:
+            continue
+        common = (dataset, args.penalty, args.seed, args.imagined_steps)
+        optimistic = Optimistic(beta=1.0)
+        found.append({"episode": episode, "head": None, "imagined_return": search(ensemble, optimistic, *common)})
+        for head in range(ensemble.num_members):
+            value = search(ensemble.member(head), Thompson(), *common)
+            found.append({"episode": episode, "head": head, "imagined_return": value})
+    pd.DataFrame(found).round(2).to_csv(args.output, index=False)
+
+
+if __name__ == "__main__":
+    main()
