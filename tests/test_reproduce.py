@@ -1,8 +1,7 @@
-"""The launcher of the paper's figures: interrupted runs are tried again, failing ones are reported."""
+"""The paper's figures: what is run for them, and what is drawn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -10,39 +9,8 @@ import pandas as pd
 from benchmark import Run
 from figures import FIGURES
 from figures.experiment import Experiment
-from figures.launcher import launch
 
 RUN = Run("sac", "HUCRL-Pendulum-v0", "optimistic", "ensemble", 0.1, "exploratory", 51)
-
-
-@dataclass(frozen=True)
-class Pretended(Experiment):
-    """Leaves a line in its CSV where others train; its seed says what goes wrong before."""
-
-    def execute(self, folder: Path) -> None:
-        seed, path = self.run.seed, self.path(folder)
-        attempts = path.with_suffix(".attempts")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with attempts.open("a") as file:
-            file.write("x")
-        first = len(attempts.read_text()) == 1
-        if seed == 1 and first:
-            raise InterruptedError("killed")
-        if seed == 3:
-            raise RuntimeError("seed 3 fails")
-        path.write_text(f"seed\n{seed}\n")
-
-
-def pretended(seed: int) -> Pretended:
-    return Pretended(Run("sac", "HUCRL-Pendulum-v0", "optimistic", "ensemble", 0.1, "exploratory", seed), 10, False)
-
-
-def test_killed_runs_are_tried_again_and_failing_ones_reported(tmp_path: Path) -> None:
-    experiments = [pretended(seed) for seed in range(5)]
-    errors = launch(experiments, tmp_path, 2)
-    assert errors == ["seed 3 fails"]
-    finished = sorted(pd.read_csv(path).seed.item() for path in (tmp_path / "runs").glob("*.csv"))
-    assert finished == [0, 1, 2, 4]
 
 
 def test_a_finished_run_is_not_run_again(tmp_path: Path) -> None:

@@ -39,9 +39,16 @@ def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[
     :param folder: of all results, on this machine
     :param side_by_side: CPUs of the local cluster; another has its own
     :return: what went wrong
+    :raises ImportError: if Ray is not installed
     """
-    import ray
+    try:
+        import ray
+    except ImportError as error:
+        raise ImportError("Ray is not installed: pip install '.[cluster]'") from error
 
+    missing = [job for job in jobs if not job.path(folder).exists()]
+    if not missing:
+        return []
     num_cpus = None if "RAY_ADDRESS" in os.environ else side_by_side
     ray.init(num_cpus=num_cpus, runtime_env={"working_dir": str(SCRIPTS)}, log_to_driver=False)
     remote = ray.remote(num_cpus=1, max_retries=RETRIES)(_execute_elsewhere)
@@ -58,7 +65,6 @@ def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[
             else:
                 yield None
 
-    missing = [job for job in jobs if not job.path(folder).exists()]
     try:
         return _errors(finished(), len(missing))
     finally:
