@@ -32,7 +32,7 @@ from sb3_hucrl.stack import find_imagination, restart_trajectories
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.state import HUCRLState, attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward, Task, check_task, resolve_task
-from sb3_hucrl.uncertainty_cap import epistemic_limit
+from sb3_hucrl.uncertainty import epistemic_limit, epistemic_std
 
 #: imagined trajectories by which a policy is judged
 JUDGED = 32
@@ -319,10 +319,16 @@ class HUCRLCallback(BaseCallback):
             act = self._planned(deterministic)
             if act is None:
                 act = policy_actor(self.model, deterministic)
-                self._state.imagined_episodes.append(imagine_episode(self._from_real_starts(1), act, self._action_dim))
+                self._imagine_episode(act)
                 act = policy_actor(self.model, deterministic)
             self._append(collect_episode(self._real_env, one_by_one(act), self._task, self._action_dim))
         self._refit(time.perf_counter() - started, search_seconds)
+
+    def _imagine_episode(self, act: BatchActor) -> None:
+        episode = imagine_episode(self._from_real_starts(1), act, self._action_dim)
+        self._state.imagined_episodes.append(episode)
+        # Of the whole model, also where a posterior sample was imagined, which is sure of itself.
+        self.logger.record_mean("imagined/epistemic_std", float(epistemic_std(self._state.dynamics, episode).mean()))
 
     def _planned(self, deterministic: bool) -> BatchActor | None:
         # Dyna-MPC refines the policy's mode. An episode that samples the policy explores, and it would undo that.
@@ -365,8 +371,6 @@ class HUCRLCallback(BaseCallback):
         record("real/return", self._state.last_return)
         if self._imagination.initial_returns:
             record("imagined/return", float(np.mean(self._imagination.initial_returns[-self.training_env.num_envs :])))
-        if search_seconds > 0 and self._searches:
-            record("imagined/epistemic_std", self._imagination.epistemic_std)
         record_fit(self.logger, report)
         record("time/rollout_seconds", rollout_seconds)
         record("time/fit_seconds", fit_seconds)

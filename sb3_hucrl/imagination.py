@@ -75,8 +75,6 @@ class Imagination:
         self._device = model.device
         self._max_epistemic_std = max_epistemic_std
         self._states = th.empty(0)
-        self._epistemic_sum = th.zeros(num_envs, task.state_dim, device=self._device)
-        self._num_steps = 0
         self.returns = np.zeros(num_envs)
         self.lengths = np.zeros(num_envs, dtype=np.int64)
         self._from_initial = np.zeros(num_envs, dtype=np.bool_)
@@ -107,11 +105,6 @@ class Imagination:
     def states(self) -> th.Tensor:
         """Where the trajectories are now, shape (B, p + c)."""
         return self._states
-
-    @property
-    def epistemic_std(self) -> float:
-        """Mean epistemic standard deviation over all imagined steps and state dimensions so far."""
-        return float(self._epistemic_sum.mean()) / max(1, self._num_steps)
 
     @th.inference_mode()
     def reset(self, indices: npt.NDArray[np.intp] | None = None) -> npt.NDArray[np.float32]:
@@ -160,8 +153,6 @@ class Imagination:
             truncated=(self.lengths + 1 >= self.horizon) | self._too_uncertain(stepped.prediction),
         )
         self._states = self.system.forget_outcomes(stepped.next_state)
-        self._epistemic_sum += stepped.prediction.epistemic_std
-        self._num_steps += 1
         self.lengths += 1
         # A bonus is the search's own affair: returns stay comparable with real ones.
         self.returns += rewards if stepped.bonus is None else stepped.reward.cpu().numpy()

@@ -21,7 +21,6 @@ from sb3_hucrl import (
 )
 from sb3_hucrl.imagination import Imagination
 from sb3_hucrl.tasks import PendulumTask
-from sb3_hucrl.uncertainty_cap import epistemic_limit
 
 
 def imagine(
@@ -114,12 +113,6 @@ def test_uncertainty_beyond_the_limit_truncates() -> None:
         assert not step.terminated.any()
 
 
-def test_the_limit_is_learned_from_the_real_transitions() -> None:
-    transitions = pendulum_dataset(200).transitions
-    limit = epistemic_limit(TruePendulum(epistemic_std=0.2), transitions, multiple=3.0)
-    th.testing.assert_close(limit, th.tensor([0.6, 0.6]))
-
-
 def test_the_task_never_sees_the_hallucinated_action() -> None:
     seen = []
 
@@ -162,14 +155,6 @@ def test_seed_decides_everything() -> None:
 
     np.testing.assert_array_equal(run(1), run(1))
     assert (run(1) != run(2)).any()
-
-
-def test_epistemic_std_is_the_mean_over_steps() -> None:
-    imagination = imagine(TruePendulum(epistemic_std=0.25), Optimistic(), num_envs=2)
-    imagination.reset()
-    for _ in range(3):
-        imagination.step(np.zeros((2, 3), dtype=np.float32))
-    assert imagination.epistemic_std == pytest.approx(0.25)
 
 
 def test_bad_input_says_what_to_do() -> None:

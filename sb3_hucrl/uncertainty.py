@@ -1,4 +1,4 @@
-"""Where imagination stops trusting the model."""
+"""How unsure the model is of what was done, and where imagination stops trusting it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ QUANTILE = 0.95
 
 
 @th.no_grad()
+def epistemic_std(model: Predictor, transitions: Transitions) -> th.Tensor:
+    """
+    :param model: newly fitted
+    :param transitions: n real or imagined ones
+    :return: diagonal of Σ(s, a), in state units, shape (n, p)
+    """
+    states = transitions.states[:, : model.state_dim].to(model.device)
+    return model.predict(states, transitions.actions.to(model.device)).epistemic_std
+
+
 def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float) -> th.Tensor:
     """
     A limit learned from the data, as in MACURA (Frauenknecht et al. 2024): a multiple of the epistemic std that 95 % of
@@ -22,6 +32,4 @@ def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float)
     :param multiple: of the quantile
     :return: one limit per state dimension, shape (p,)
     """
-    states = transitions.states[:, : model.state_dim].to(model.device)
-    prediction = model.predict(states, transitions.actions.to(model.device))
-    return multiple * prediction.epistemic_std.quantile(QUANTILE, dim=0)
+    return multiple * epistemic_std(model, transitions).quantile(QUANTILE, dim=0)
