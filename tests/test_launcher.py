@@ -100,3 +100,4 @@ def test_ray_gives_the_same_files_though_a_worker_is_killed(folders: tuple[Path,
 
     launch_on_ray([Pretended(seed, marks) for seed in range(3)], output, 2)
     assert attempts(marks) == {"0": 1, "1": 2, "2": 2, "3": 1}
+    ray.shutdown()

@@ -49,8 +49,9 @@ def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[
     missing = [job for job in jobs if not job.path(folder).exists()]
     if not missing:
         return []
-    num_cpus = None if "RAY_ADDRESS" in os.environ else side_by_side
-    ray.init(num_cpus=num_cpus, runtime_env={"working_dir": str(SCRIPTS)}, log_to_driver=False)
+    if not ray.is_initialized():
+        num_cpus = None if "RAY_ADDRESS" in os.environ else side_by_side
+        ray.init(num_cpus=num_cpus, runtime_env={"working_dir": str(SCRIPTS)}, log_to_driver=False)
     remote = ray.remote(num_cpus=1, max_retries=RETRIES)(_execute_elsewhere)
 
     def finished() -> Iterator[str | None]:
@@ -65,10 +66,8 @@ def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[
             else:
                 yield None
 
-    try:
-        return _errors(finished(), len(missing))
-    finally:
-        ray.shutdown()
+    # The next figure finds Ray running; it ends with this process.
+    return _errors(finished(), len(missing))
 
 
 LAUNCHERS = {"local": launch, "ray": launch_on_ray}
