@@ -200,6 +200,7 @@ class Bonus(ExplorationStrategy):
         return self.weight * prediction.epistemic_std.norm(dim=-1)
 
 
+#: strategies by their names
 STRATEGIES: dict[str, Callable[..., ExplorationStrategy]] = {
     "optimistic": Optimistic,
     "greedy": Greedy,

@@ -76,6 +76,6 @@ class BayesianLinearRegression(nn.Module):
         return self.mean + th.linalg.solve_triangular(self.cholesky.T, noise, upper=True)
 
     def information_gain(self) -> float:
-        """I(y; f) of equation (63) for one output, ½ ln |I + v Φᵀ Φ / σ²|, in nats."""
+        """I(y; f) of equation (63) for one output, ``½ ln |I + v Φᵀ Φ / σ²|``, in nats."""
         log_diagonal = self.cholesky.diagonal().log().sum()
         return float(log_diagonal + 0.5 * len(self.mean) * math.log(self.prior_variance))

@@ -25,6 +25,7 @@ class Registration:
     max_episode_steps: int
 
 
+#: the environments by their gymnasium ids
 ENVIRONMENTS = {
     "HUCRL-Pendulum-v0": Registration("sb3_hucrl.envs.pendulum:PendulumEnv", 400),
     "HUCRL-CartPole-v0": Registration("sb3_hucrl.envs.cartpole:CartPoleEnv", 200),

@@ -12,6 +12,7 @@ from sb3_hucrl.planning.ilqr import ILQR
 from sb3_hucrl.planning.mppi import MPPI
 from sb3_hucrl.planning.random_shooting import RandomShooting
 
+#: planners by their names
 PLANNERS: dict[str, Callable[..., Planner]] = {
     "random_shooting": RandomShooting,
     "cem": CEM,

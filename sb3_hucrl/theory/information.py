@@ -13,7 +13,7 @@ KernelFunction = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 def information_gain(kernel_matrix: th.Tensor, noise_std: float) -> float:
     """
-    I(y; f) = ½ ln |I + K / σ²|, equation (63).
+    I(y; f) = ``½ ln |I + K / σ²|``, equation (63).
 
     :param kernel_matrix: K of the observed points, shape (n, n)
     :param noise_std: σ
