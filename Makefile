@@ -3,18 +3,21 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: train test check format clean
+.PHONY: train test check docs format clean
 
 train: $(VENV)/.installed
 	$(BIN)/rl_zoo3 train --algo sac --env HUCRL-Pendulum-v0 -P
 
-test: check
+test: check docs
 	$(BIN)/python -m pytest -n 2
 
 check: $(VENV)/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/.installed
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build
 
 format: $(VENV)/.installed
 	$(BIN)/ruff check --fix .
@@ -27,4 +30,4 @@ $(VENV)/.installed: setup.cfg setup.py pyproject.toml constraints.txt sb3_hucrl/
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) docs/_build build dist *.egg-info

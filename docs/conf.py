@@ -1,0 +1,28 @@
+"""Settings of the documentation: ``make docs`` builds it, without a network."""
+
+from sb3_hucrl import __version__
+
+project = "sb3_hucrl"
+version = release = __version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+exclude_patterns = ["_build"]
+
+# Links such as results.md#calibration.
+myst_heading_anchors = 3
+# Indented blocks are commands.
+highlight_language = "text"
+
+autodoc_member_order = "bysource"
+# Docstrings say what a parameter means, signatures of which type it is.
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_typehints_format = "short"
+# What overrides a method of gymnasium or PyTorch does what theirs says.
+autodoc_inherit_docstrings = False
+autodoc_default_options = {"members": True, "show-inheritance": True}
+python_use_unqualified_type_names = True
+
+html_theme = "furo"
+html_show_copyright = False
+html_title = f"sb3_hucrl {release}"
