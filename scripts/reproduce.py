@@ -25,16 +25,17 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="one seed, one penalty, and next to no search")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--launcher", choices=list(LAUNCHERS), default="local", help="where runs go")
-    parser.add_argument("--output", type=Path, default=Path("results/figures"))
+    parser.add_argument("--output", type=Path, default=Path("results/figures"), help="folder of the CSVs")
+    parser.add_argument("--pictures", type=Path, default=Path("docs/figures"), help="folder of the pictures")
     args = parser.parse_args()
-    args.output.mkdir(parents=True, exist_ok=True)
+    args.pictures.mkdir(parents=True, exist_ok=True)
     seeds = list(range(FIRST_SEED, FIRST_SEED + (1 if args.quick else args.seeds)))
     errors = []
     for number in args.figure:
         figure = FIGURES[number]
         jobs = figure.jobs(seeds, args.quick)
         errors += LAUNCHERS[args.launcher](jobs, args.output, args.jobs) if jobs else []
-        picture = args.output / f"figure_{number}{'_quick' if args.quick else ''}.png"
+        picture = args.pictures / f"figure_{number}{'_quick' if args.quick else ''}.png"
         if not jobs or any(job.path(args.output).exists() for job in jobs):
             numbers = figure.draw(args.output, seeds, args.quick, picture)
             print(picture, numbers, sep="\n", flush=True)

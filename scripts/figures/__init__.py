@@ -36,7 +36,13 @@ FIGURES: dict[int, Figure] = {
     14: PhaseSpace("Figure 14", 0.2),
     15: Curves("Figure 15: imagined return", PENDULUM, PENALTIES, column="imagined_return", label="imagined return"),
     16: Curves(
-        "Figure 16: uncertainty in imagination", PENDULUM, PENALTIES, column="epistemic_std", label="epistemic std"
+        "Figure 16: uncertainty in imagination",
+        PENDULUM,
+        PENALTIES,
+        column="epistemic_std",
+        label="epistemic std",
+        solved=None,
+        scale="log",
     ),
     17: Curves("Figure 17: Thompson sampling by ensemble size", PENDULUM, PENALTIES, explorations=MEMBERS),
     18: Curves("Figure 18: without bootstrap", PENDULUM, PENALTIES, explorations=NO_BOOTSTRAP),

@@ -10,7 +10,7 @@ import matplotlib as mpl
 import pandas as pd
 
 from benchmark import Run, summary
-from figures.experiment import Experiment
+from figures.experiment import DECIMALS, Experiment
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -48,7 +48,8 @@ class Curves:
     :param column: what is drawn
     :param label: of that axis
     :param start_states: name of benchmark.py's start states
-    :param solved: return that counts as solved
+    :param solved: return that counts as solved; None where no return is drawn
+    :param scale: of that axis
     """
 
     title: str
@@ -60,7 +61,8 @@ class Curves:
     column: str = "real_return"
     label: str = "real return"
     start_states: str = "exploratory"
-    solved: float = 150.0
+    solved: float | None = 150.0
+    scale: str = "linear"
 
     def jobs(self, seeds: list[int], quick: bool) -> list[Experiment]:
         """
@@ -81,7 +83,7 @@ class Curves:
         :param seeds: of each curve
         :param quick: whether the quick runs are to be drawn
         :param picture: is written
-        :return: for each curve the first solved episode and the mean of the last three
+        :return: for each curve the first solved episode and the mean of the last three, or the median of each episode
         """
         paths = [each.path(folder) for each in self.jobs(seeds, quick)]
         results = pd.concat([pd.read_csv(path) for path in paths if path.exists()])
@@ -104,11 +106,18 @@ class Curves:
         figure.suptitle(f"{self.title} (seeds: {results.seed.nunique()}; median and range)", fontsize=11)
         figure.savefig(picture, dpi=130)
         plt.close(figure)
-        return summary(results.assign(real_return=results[self.column]), self.solved).to_string()
+        if self.solved is not None:
+            return summary(results.assign(real_return=results[self.column]), self.solved).to_string()
+        curves = ["dynamics", "action_penalty", "exploration"]
+        medians = results.pivot_table(index=curves, columns="episode", values=self.column, aggfunc="median")
+        return medians.round(4).to_string()
 
     def _draw_panel(self, axis: Axes, panel: pd.DataFrame) -> None:
         for exploration, label in self.explorations.items():
             runs = panel[panel.exploration == exploration]
             draw_curve(axis, runs.pivot_table(index="episode", columns="seed", values=self.column), label)
+        axis.set_yscale(self.scale)
+        if self.scale == "log":
+            axis.set_ylim(bottom=10.0**-DECIMALS)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.grid(alpha=0.3)

@@ -28,6 +28,8 @@ LOGGED = {
 #: of the callback, so small that a run shows only that everything works
 QUICK_SETTINGS: dict[str, Any] = {"imagined_steps": 640, "horizon": 50}
 QUICK_EPISODES = 4
+#: of what is logged
+DECIMALS = 4
 
 
 def write_whole(rows: pd.DataFrame, path: Path) -> None:
@@ -114,6 +116,6 @@ class Experiment:
         rows = real_episodes(str(run.folder))
         for name, column in LOGGED.items():
             if column in run.progress:
-                rows[name] = run.progress[column].reindex(rows.episode).to_numpy().round(4)
+                rows[name] = run.progress[column].reindex(rows.episode).to_numpy().round(DECIMALS)
         versions = {package: version(package) for package in PACKAGES}
         return rows.assign(**vars(self.run), commit=self.commit, **versions)
