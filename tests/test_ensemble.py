@@ -120,6 +120,21 @@ def test_posterior_samples_are_members(kind: type[Ensemble]) -> None:
         assert min(abs(a - row[0]) + abs(b - row[1]) for a, b in column) < 1e-5
 
 
+def test_each_member_is_a_model_of_its_own() -> None:
+    model = ensemble(gradient_steps=20)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(6, seed=1)
+    with th.no_grad():
+        whole = model.predict(batch.states, batch.actions)
+        alone = [model.member(index).predict(batch.states, batch.actions) for index in range(model.num_members)]
+    means = th.stack([prediction.mean for prediction in alone])
+    th.testing.assert_close(means.mean(dim=0), whole.mean)
+    th.testing.assert_close(means.std(dim=0, correction=0), whole.epistemic_std, rtol=1e-3, atol=1e-6)
+    assert all((prediction.epistemic_std == 0).all() for prediction in alone)
+    with pytest.raises(ValueError, match="there is no member 5: give 0 to 4"):
+        model.member(5)
+
+
 def test_without_bootstrap_all_members_weigh_the_data_alike() -> None:
     def fit(bootstrap: bool, scale: float) -> th.Tensor:
         model = ProbabilisticEnsemble(

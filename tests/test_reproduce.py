@@ -5,10 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
+import torch as th
 
 from benchmark import Run
 from figures import FIGURES
 from figures.experiment import Experiment
+from figures.trajectories import trajectories, transitions
+from helpers import TruePendulum, random_transitions
+from sb3_hucrl import TransitionDataset
+from sb3_hucrl.state import HUCRLState
 
 RUN = Run("sac", "HUCRL-Pendulum-v0", "optimistic", "ensemble", 0.1, "exploratory", 51)
 
@@ -26,6 +31,25 @@ def test_figures_share_the_runs_that_they_have_in_common() -> None:
     returns, simulated = (FIGURES[number].jobs([51, 52], quick=False) for number in (6, 15))
     assert returns == simulated
     assert len({each.path(Path()) for each in returns}) == 2 * 3 * 3
+
+
+def test_trajectories_come_back_from_their_csv(tmp_path: Path) -> None:
+    first, second, dream = (random_transitions(20, seed) for seed in range(3))
+    dataset = TransitionDataset(2, 1)
+    dataset.append_episode(first)
+    dataset.append_episode(second)
+    state = HUCRLState(dataset, TruePendulum(), th.Generator(), imagined_episodes=[dream])
+    path = tmp_path / "trajectories.csv.gz"
+    trajectories(state).to_csv(path, index=False)
+    rows = pd.read_csv(path)
+    # Before the first episode nothing was imagined.
+    for kind, number, expected in (("real", 1, first), ("real", 2, second), ("imagined", 2, dream)):
+        read = transitions(rows[(rows.kind == kind) & (rows.episode == number)])
+        th.testing.assert_close(read.states, expected.states[:-1], rtol=0, atol=1e-5)
+        th.testing.assert_close(read.actions, expected.actions[:-1], rtol=0, atol=1e-5)
+        th.testing.assert_close(read.next_states, expected.states[1:], rtol=0, atol=1e-5)
+        th.testing.assert_close(read.rewards, expected.rewards[:-1], rtol=0, atol=1e-5)
+    assert len(rows) == 60
 
 
 def test_a_figure_is_drawn_from_what_there_is(tmp_path: Path) -> None:
