@@ -83,7 +83,7 @@ class Experiment:
         return folder / ("quick" if self.quick else "runs") / f"{self.name}.csv"
 
     def trajectories_path(self, folder: Path) -> Path:
-        """Where optimistic runs of the pendulum keep their real and imagined trajectories."""
+        """Where optimistic runs of the pendulum with ensembles keep their real and imagined trajectories."""
         return self.path(folder).with_name(f"{self.name}-trajectories.csv.gz")
 
     def _command(self, folder: str) -> list[str]:
@@ -108,7 +108,7 @@ class Experiment:
             run_process(self._command(logs), self.name)
             [run_folder] = Path(logs).glob(f"{self.run.algo}/{self.run.env}_*/")
             run = ZooRun(run_folder)
-            if self.run.env == PENDULUM and self.run.exploration == "optimistic":
+            if (self.run.env, self.run.exploration, self.run.dynamics) == (PENDULUM, "optimistic", "ensemble"):
                 write_whole(trajectories(run.state), self.trajectories_path(folder))
             write_whole(self._rows(run), path)
 
