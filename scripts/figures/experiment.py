@@ -26,7 +26,7 @@ LOGGED = {
     "fit_seconds": "time/fit_seconds",
 }
 #: of the callback, so small that a run shows only that everything works
-QUICK_SETTINGS: dict[str, Any] = {"imagined_steps": 640, "horizon": 50}
+QUICK_SETTINGS: dict[str, Any] = {"imagined_steps": 640, "horizon": 10}
 QUICK_EPISODES = 4
 #: of what is logged
 DECIMALS = 4
