@@ -19,10 +19,12 @@ from stable_baselines3.common.env_util import make_vec_env
 
 import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
 from benchmark import hyperparameters
+from figures.curves import ALGO
 from figures.experiment import PENDULUM
 from figures.trajectories import transitions
 from sb3_hucrl import ImaginationVecEnv
 from sb3_hucrl.actors import policy_actor
+from sb3_hucrl.callbacks import JUDGED
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import Predictor, ProbabilisticEnsemble
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic, Thompson
@@ -32,10 +34,7 @@ from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.starts import StartStates
 from sb3_hucrl.tasks import PendulumTask
 
-ALGO = "sbx_sac"
 HORIZON = 400
-#: imagined trajectories by which a policy is judged
-JUDGED = 32
 #: what the zoo reads and the algorithm does not take
 ZOO_SETTINGS = ("n_envs", "n_timesteps", "policy", "policy_kwargs", "vec_env_wrapper", "callback")
 
@@ -78,8 +77,8 @@ def main() -> None:
     parser.add_argument("trajectories", type=Path, help="of a run of reproduce.py")
     parser.add_argument("--penalty", type=float, required=True)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--episodes", type=int, nargs="+", default=[1, 5, 10], help="real ones, after which to search")
-    parser.add_argument("--imagined-steps", type=int, default=51_200)
+    parser.add_argument("--episodes", type=int, nargs="+", required=True, help="real ones, after which to search")
+    parser.add_argument("--imagined-steps", type=int, required=True)
     parser.add_argument("--output", type=Path, required=True)
     args = parser.parse_args()
     th.set_num_threads(1)

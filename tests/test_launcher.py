@@ -50,6 +50,7 @@ class Pretended:
             run_process([sys.executable, "-c", KILL_YOURSELF], self.name)
         if self.trouble == "failure":
             run_process([sys.executable, "-c", "raise SystemExit('no such thing')"], self.name)
+        write_whole(pd.DataFrame({"seed": [self.seed]}), folder / f"{self.seed}-z.csv")
         write_whole(pd.DataFrame({"seed": [self.seed], "square": [self.seed**2]}), self.path(folder))
 
 
@@ -73,7 +74,7 @@ def test_killed_jobs_are_tried_again_and_failing_ones_reported(folders: tuple[Pa
     output, marks = folders
     troubles = ["", "process", "failure", "processes"]
     errors = launch([Pretended(seed, marks, trouble) for seed, trouble in enumerate(troubles)], output, 2)
-    assert set(results(output)) == {"0.csv", "1.csv"}
+    assert set(results(output)) == {"0.csv", "0-z.csv", "1.csv", "1-z.csv"}
     assert attempts(marks) == {"0": 1, "1": 2, "2": 1, "3": RETRIES + 1}
     assert len(errors) == 2
     assert "no such thing" in errors[0]
@@ -91,6 +92,9 @@ def test_ray_gives_the_same_files_though_a_worker_is_killed(folders: tuple[Path,
     assert len(errors) == 1
     assert "job 3" in errors[0]
     assert "no such thing" in errors[0]
+    # The file that says that a job is done came last.
+    times = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert all(times[f"{seed}-z.csv"] <= times[f"{seed}.csv"] for seed in range(3))
 
     local, others = tmp_path / "local", tmp_path / "others"
     local.mkdir()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,7 +12,6 @@ import pandas as pd
 from benchmark import Run
 from figures.curves import ALGO, draw_curve
 from figures.experiment import PENDULUM, Experiment, run_process, write_whole
-from results_table import commit
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -30,11 +29,9 @@ class HeadSearch:
     Searches in the models that a run of figure 6 had, one policy for the ensemble and one for each member.
 
     :param experiment: the run
-    :param commit: of the code
     """
 
     experiment: Experiment
-    commit: str = field(default_factory=commit, compare=False)
 
     @property
     def name(self) -> str:
@@ -64,7 +61,7 @@ class HeadSearch:
         words += ["--episodes", *(str(episode) for episode in (EPISODES[:1] if self.experiment.quick else EPISODES))]
         run_process([sys.executable, str(SCRIPT), *words], self.name)
         rows = pd.read_csv(unfinished)
-        write_whole(rows.assign(action_penalty=run.action_penalty, seed=run.seed, commit=self.commit), path)
+        write_whole(rows.assign(action_penalty=run.action_penalty, seed=run.seed, commit=self.experiment.commit), path)
         unfinished.unlink()
 
 

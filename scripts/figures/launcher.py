@@ -60,7 +60,7 @@ def launch_on_ray(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[
             [task], _ = ray.wait(list(pending), num_returns=1)
             job = pending.pop(task)
             try:
-                _keep(ray.get(task), folder)
+                _keep(ray.get(task), job, folder)
             except (RuntimeError, ray.exceptions.RayError) as error:
                 yield f"{job.name}: {error}"
             else:
@@ -100,9 +100,9 @@ def _execute_elsewhere(job: Job) -> dict[str, bytes]:
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
-def _keep(files: dict[str, bytes], folder: Path) -> None:
-    # What says that a job is done comes last: its own CSV, after those that it was made from.
-    for name, content in files.items():
+def _keep(files: dict[str, bytes], job: Job, folder: Path) -> None:
+    # What says that the job is done comes last, so that an interruption leaves nothing out.
+    for name, content in sorted(files.items(), key=lambda file: folder / file[0] == job.path(folder)):
         path = folder / name
         if path.exists():
             continue

@@ -59,9 +59,10 @@ class PhaseSpace:
         :param picture: is written
         :return: for each seed and episode the steps upright, imagined and real
         """
-        runs = {job.run.seed: pd.read_csv(job.trajectories_path(folder)) for job in self.jobs(seeds, quick)}
-        title = f"{self.title}: H-UCRL, action penalty {self.penalty}, seed {seeds[0]}"
-        draw_phase_space(runs[seeds[0]], title, picture)
+        paths = {job.run.seed: job.trajectories_path(folder) for job in self.jobs(seeds, quick)}
+        runs = {seed: pd.read_csv(path) for seed, path in paths.items() if path.exists()}
+        first = min(runs)
+        draw_phase_space(runs[first], f"{self.title}: H-UCRL, action penalty {self.penalty}, seed {first}", picture)
         return pd.concat([_upright(each).assign(seed=seed) for seed, each in runs.items()]).to_string(index=False)
 
 
