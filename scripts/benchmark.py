@@ -33,6 +33,7 @@ CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 #: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own
 EXPLORATIONS: dict[str, dict[str, Any]] = {
     "optimistic": {},
+    "optimistic_beta_3": {"exploration_kwargs": {"beta": 3.0}},
     "optimistic_predictive": {"exploration_kwargs": {"uncertainty": "predictive"}},
     "optimistic_recalibrated": {"dynamics_kwargs": {"recalibrate": True}},
     "optimistic_capped": {"uncertainty_cap": 5.0},

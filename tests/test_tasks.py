@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ import torch as th
 
 from sb3_hucrl import Task, register_task
 from sb3_hucrl.tasks import (
+    CartPoleTask,
     GymnasiumPendulumTask,
     LearnedReward,
     LearnedTask,
@@ -240,3 +242,14 @@ def test_pendulum_v1_does_not_pay_for_speeds_that_it_does_not_have() -> None:
     state = th.tensor([[0.5, 8.0], [0.5, 80.0]])
     slow, fast = task.reward(state, action, state)
     assert slow == fast
+
+
+def test_the_cart_poles_exploratory_states_cover_the_slider_and_all_angles_slowly() -> None:
+    task = CartPoleTask()
+    states = task.exploratory_states(5_000, th.Generator().manual_seed(0))
+    for column, reach in ((0, 1.25), (1, math.pi)):
+        assert (th.histc(states[:, column], 8, -reach, reach) > 500).all()
+    assert float(states[:, 2:].abs().max()) < 0.5
+    # Some stand upright in the middle: the first thing that a policy can learn to like.
+    action = th.zeros(len(states), 1)
+    assert float(task.reward(states, action, states).max()) > 0.95

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import torch as th
 
 from sb3_hucrl.tasks.angles import AngleTask
 
 POLE_LENGTH = 0.6
+#: half of the slider's range, in m
+EXPLORED_POSITION = 1.25
 
 
 class CartPoleTask(AngleTask):
@@ -29,3 +33,8 @@ class CartPoleTask(AngleTask):
         below = POLE_LENGTH * (1 + theta.cos())
         closeness = (-(across.square() + below.square()) / 0.6**2).exp()
         return closeness - self.action_penalty * action.square().sum(dim=1)
+
+    def exploratory_states(self, n: int, generator: th.Generator | None) -> th.Tensor:
+        """x ~ U(-1.25, 1.25) m, θ ~ U(-π, π), nearly at rest: ẋ and θ̇ ~ N(0, 0.05²)."""
+        pose = (2 * th.rand(n, 2, generator=generator) - 1) * th.tensor([EXPLORED_POSITION, math.pi])
+        return th.cat([pose, 0.05 * th.randn(n, 2, generator=generator)], dim=1)
