@@ -11,7 +11,7 @@ from figures.phase_space import PhaseSpace
 
 PENALTIES = (0.0, 0.1, 0.2)
 MEMBERS = {"thompson": "5 members", **{f"thompson_{number}": f"{number} members" for number in (10, 20, 50, 100)}}
-WIDER = {**STRATEGIES, "optimistic": "H-UCRL, β = 1", "optimistic_beta_3": "H-UCRL, β = 3"}
+BETAS = {**STRATEGIES, "optimistic": "H-UCRL, β = 1", "optimistic_beta_3": "H-UCRL, β = 3"}
 NO_BOOTSTRAP = {f"{name}_no_bootstrap": label for name, label in STRATEGIES.items()}
 
 # The paper's text names the penalties of pendulum and cart-pole, and 1 for the half-cheetah; all else is without and
@@ -23,7 +23,7 @@ FIGURES: dict[int, Figure] = {
         "Figure 7: cart-pole",
         "HUCRL-CartPole-v0",
         (0.0, 0.05, 0.2),
-        explorations=WIDER,
+        explorations=BETAS,
         episodes=15,
         solved=100.0,
     ),
