@@ -6,8 +6,8 @@ from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DeterministicEnsemble, DynamicsModel, Prediction, ProbabilisticEnsemble
 from sb3_hucrl.envs import register_envs
 from sb3_hucrl.exploration import Bonus, ExplorationStrategy, Greedy, Optimistic, Thompson
-from sb3_hucrl.starts import StartStates
-from sb3_hucrl.state import HUCRLState
+from sb3_hucrl.imagination import StartStates, World
+from sb3_hucrl.loop import HUCRLState, Loop
 from sb3_hucrl.tasks import Task, register_task
 from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv
 
@@ -22,6 +22,7 @@ __all__ = [
     "HallucinationWrapper",
     "ImaginationVecEnv",
     "LearnedModelEnv",
+    "Loop",
     "Optimistic",
     "Prediction",
     "ProbabilisticEnsemble",
@@ -30,6 +31,7 @@ __all__ = [
     "Thompson",
     "TransitionDataset",
     "Transitions",
+    "World",
     "__version__",
     "register_task",
 ]

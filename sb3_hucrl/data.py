@@ -1,4 +1,4 @@
-"""Real transitions: the only data that the dynamics model ever learns from."""
+"""Real transitions, the only data that the dynamics model learns from."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Transitions:
     A batch of n real transitions, in the units of the environment.
 
     :param states: s_n, shape (n, p)
-    :param actions: a_n without its hallucinated part, shape (n, q)
+    :param actions: a_n without a′, shape (n, q)
     :param next_states: s_{n+1}, shape (n, p)
     :param rewards: r(s_n, a_n), shape (n,)
-    :param terminated: whether s_{n+1} ended the task (a time limit does not), shape (n,)
+    :param terminated: whether the episode terminated in s_{n+1} (a time limit truncates instead), shape (n,)
     :raises ValueError: if the lengths differ or a value is not finite
     """
 
@@ -56,15 +56,15 @@ class Transitions:
 
 class TransitionDataset:
     """
-    Growing store of every real transition so far. It lives on the CPU.
+    All real transitions so far, stored on the CPU.
 
-    Each transition is held out from training, or not, once and for all when it is appended, so that a held-out
-    transition stays unseen over all refits. The same holds for the bootstrap weights of appendix B.1.
+    Each transition is assigned to training or held-out data once, when it is appended, so that no refit sees a held-out
+    transition. The bootstrap weights of appendix B.1 are also drawn once.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param seed: seeds the hold-out draw and the bootstrap weights
-    :param holdout_fraction: expected share of transitions that is held out
+    :param seed: seed of the held-out assignment and the bootstrap weights
+    :param holdout_fraction: expected fraction of held-out transitions
     """
 
     def __init__(self, state_dim: int, action_dim: int, seed: int = 0, holdout_fraction: float = 0.1) -> None:
@@ -84,10 +84,10 @@ class TransitionDataset:
 
     def append_episode(self, episode: Transitions) -> None:
         """
-        Store one real episode, in order; its first state becomes a known start state.
+        Store one real episode. Its first state becomes an initial state.
 
-        :param episode: at least one transition
-        :raises ValueError: if the dimensions are not those of the dataset or the episode is empty
+        :param episode: at least one transition, in order
+        :raises ValueError: if the dimensions differ from the dataset's or the episode is empty
         """
         if len(episode) == 0:
             raise ValueError("an episode needs at least one transition, got none")
@@ -110,14 +110,14 @@ class TransitionDataset:
 
     @property
     def holdout(self) -> Transitions:
-        """The transitions to judge by; those to learn from, where none has been held out yet."""
+        """The transitions to evaluate on; all transitions if none is held out yet."""
         return self.transitions[self._is_holdout] if self._is_holdout.any() else self.transitions
 
     def bootstrap_weights(self, num_members: int) -> th.Tensor:
         """
-        Poisson(1) weights of the training transitions (Osband et al. 2016; appendix B.1), drawn once and kept.
+        Poisson(1) weights of the training transitions (Osband et al. 2016; appendix B.1), drawn once per transition.
 
-        :param num_members: ensemble size M; another size than the last one draws all weights anew
+        :param num_members: ensemble size M; if it differs from the last call's, all weights are redrawn
         :return: shape (len(train), M)
         """
         if self._weights.shape[1] != num_members:

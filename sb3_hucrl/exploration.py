@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 import torch as th
 from torch.nn.functional import pad
 
 from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor, Resampled
+from sb3_hucrl.registry import Registry
 
 
 class ExplorationStrategy(ABC):
-    """Turns a predictive distribution into one imagined next state per row."""
+    """Turns a predictive distribution into one imagined next state per row. The built-in strategies are immutable."""
 
     def hallucinated_dim(self, steerable_dim: int) -> int:
         """
@@ -23,17 +24,25 @@ class ExplorationStrategy(ABC):
         """
         return 0
 
-    def begin_search(
-        self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
-    ) -> Predictor:
+    def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
         """
-        Called after every refit, before the policy search.
+        The strategy for the policy search that follows a refit. Each refit adapts the strategy that the user chose, not
+        the result of an earlier adaptation.
 
-        :param model: newly fitted
-        :param num_envs: number of imagined trajectories
-        :param real_episodes: so far
-        :param generator: of what is drawn for the whole search, on the CPU
-        :return: what imagination shall ask for predictions until the next refit
+        :param model: the refitted model
+        :param real_episodes: number of real episodes so far
+        :return: this strategy, or a copy with changed settings
+        """
+        return self
+
+    def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
+        """
+        The source of predictions for one policy search.
+
+        :param model: the refitted model
+        :param num_samples: number of posterior samples, if the strategy gives each imagined trajectory its own
+        :param generator: draws the posterior samples, on the CPU
+        :return: the model itself or posterior samples of it
         """
         return model
 
@@ -44,22 +53,27 @@ class ExplorationStrategy(ABC):
         """
         :param prediction: of B next states
         :param hallucinated_action: a′, shape (B, hallucinated_dim)
-        :param generator: draws the noise, on the device of the prediction; None for none
+        :param generator: draws the noise, on the device of the prediction; None for no noise
         :return: shape (B, p)
         """
 
     def bonus(self, prediction: Prediction) -> th.Tensor | None:
         """
         :param prediction: of B next states
-        :return: what exploration adds to the reward, shape (B,), or None
+        :return: exploration bonus to add to the reward, shape (B,), or None
         """
         return None
 
+    def diagnostics(self) -> dict[str, float]:
+        """
+        :return: values to log after each refit, by name
+        """
+        return {}
 
-def _not_negative(name: str, value: float | str) -> float:
+
+def _require_not_negative(name: str, value: float | str) -> None:
     if isinstance(value, str) or not value >= 0:
         raise ValueError(f"{name} is {value!r}: give 0 or more")
-    return value
 
 
 def _add_noise(mean: th.Tensor, std: th.Tensor, generator: th.Generator | None) -> th.Tensor:
@@ -68,50 +82,48 @@ def _add_noise(mean: th.Tensor, std: th.Tensor, generator: th.Generator | None) 
     return th.addcmul(mean, std, th.randn(mean.shape, generator=generator, device=mean.device, dtype=mean.dtype))
 
 
+@dataclass(frozen=True)
 class Optimistic(ExplorationStrategy):
     """
-    H-UCRL, equation (7): s′ = μ(s, a) + β Σ(s, a) a′ + ω, with a′ chosen by the policy in [-1, 1]^p.
+    H-UCRL, equation (7): s′ = μ(s, a) + β Σ(s, a) a′ + ω, where the policy chooses a′ in [-1, 1]^p.
 
     :param beta: width β of the confidence region, in standard deviations; 0 is the mean model. ``"theory"`` computes
-        it after each refit from the information gain of a Gaussian process (Lemmas 10 and 11): valid, and wide
-    :param uncertainty: ``"epistemic"`` steers with what is unknown; ``"predictive"`` with epistemic and aleatoric
-        standard deviation together, as in the paper's ensemble experiments
-    :param delta: δ of ``beta="theory"``: probability with which the confidence region may be wrong
-    :param norm_bound: B of ``beta="theory"``: bound on the RKHS norm of the (standardised) dynamics
-    :raises ValueError: if a number is out of its range or the uncertainty unknown
+        it after each refit from the information gain of a Gaussian process (Lemmas 10 and 11), which is a valid but
+        very wide region
+    :param uncertainty: Σ: ``"epistemic"`` standard deviation, or ``"predictive"`` for epistemic and aleatoric together,
+        as in the paper's ensemble experiments
+    :param delta: δ of ``beta="theory"``, probability that the confidence region is wrong
+    :param norm_bound: B of ``beta="theory"``, bound on the RKHS norm of the (standardised) dynamics
+    :raises ValueError: if a number is out of its range or the uncertainty is unknown
     """
 
-    def __init__(
-        self,
-        beta: float | Literal["theory"] = 1.0,
-        uncertainty: Literal["epistemic", "predictive"] = "epistemic",
-        delta: float = 0.1,
-        norm_bound: float = 1.0,
-    ) -> None:
-        self.from_theory = beta == "theory"
-        #: the width in use
-        self.beta = 0.0 if beta == "theory" else _not_negative("beta", beta)
-        if uncertainty not in ("epistemic", "predictive"):
-            raise ValueError(f"unknown uncertainty {uncertainty!r}: choose 'epistemic' or 'predictive'")
-        if not 0 < delta < 1:
-            raise ValueError(f"delta is {delta}: a probability between 0 and 1")
-        self.uncertainty = uncertainty
-        self.delta = delta
-        self.norm_bound = _not_negative("norm_bound", norm_bound)
+    beta: float | Literal["theory"] = 1.0
+    uncertainty: Literal["epistemic", "predictive"] = "epistemic"
+    delta: float = 0.1
+    norm_bound: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.beta != "theory":
+            _require_not_negative("beta", self.beta)
+        if self.uncertainty not in ("epistemic", "predictive"):
+            raise ValueError(f"unknown uncertainty {self.uncertainty!r}: choose 'epistemic' or 'predictive'")
+        if not 0 < self.delta < 1:
+            raise ValueError(f"delta is {self.delta}: give a probability between 0 and 1")
+        _require_not_negative("norm_bound", self.norm_bound)
 
     def hallucinated_dim(self, steerable_dim: int) -> int:
         return steerable_dim
 
-    def begin_search(
-        self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
-    ) -> Predictor:
-        if self.from_theory:
-            self.beta = model.confidence_width(self.delta, self.norm_bound)
-        return model
+    def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
+        if self.beta == "theory":
+            return replace(self, beta=model.confidence_width(self.delta, self.norm_bound))
+        return self
 
     def next_state(
         self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
     ) -> th.Tensor:
+        if self.beta == "theory":
+            raise ValueError("beta is 'theory': call adapted(model, real_episodes) to compute it before a search")
         std = prediction.epistemic_std if self.uncertainty == "epistemic" else prediction.predictive_std
         not_steered = prediction.mean.shape[1] - hallucinated_action.shape[1]
         if not_steered:
@@ -119,48 +131,50 @@ class Optimistic(ExplorationStrategy):
         optimistic = th.addcmul(prediction.mean, std, hallucinated_action.clamp(-1, 1), value=self.beta)
         return _add_noise(optimistic, prediction.aleatoric_std, generator)
 
+    def diagnostics(self) -> dict[str, float]:
+        return {} if self.beta == "theory" else {"beta": self.beta}
 
+
+@dataclass(frozen=True)
 class Greedy(ExplorationStrategy):
     """
-    Greedy exploitation, equation (4): imagined trajectories are particles of the model's own predictive distribution
-    (Chua et al. 2018; appendix B.1). Adds no action dimension.
+    Greedy exploitation, equation (4): imagined trajectories are particles of the model's predictive distribution (Chua
+    et al. 2018; appendix B.1). Adds no action dimension.
 
     :param propagation: ``"ds"`` draws each next state from the predictive distribution; ``"ts1"`` from a posterior
-        sample (an ensemble's member) that is drawn anew at each step; ``"tsinf"`` from one that each trajectory keeps
-        for the whole search
+        sample (such as one ensemble member), redrawn at each step; ``"tsinf"`` from a posterior sample that each
+        trajectory keeps for the whole search
     :raises ValueError: if the propagation is unknown
     """
 
-    PROPAGATIONS = ("ds", "ts1", "tsinf")
+    PROPAGATIONS: ClassVar = ("ds", "ts1", "tsinf")
 
-    def __init__(self, propagation: Literal["ds", "ts1", "tsinf"] = "ds") -> None:
-        if propagation not in self.PROPAGATIONS:
-            raise ValueError(f"unknown propagation {propagation!r}: choose one of {list(self.PROPAGATIONS)}")
-        self.propagation = propagation
+    propagation: Literal["ds", "ts1", "tsinf"] = "ds"
 
-    def begin_search(
-        self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
-    ) -> Predictor:
+    def __post_init__(self) -> None:
+        if self.propagation not in self.PROPAGATIONS:
+            raise ValueError(f"unknown propagation {self.propagation!r}: choose one of {list(self.PROPAGATIONS)}")
+
+    def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
         if self.propagation == "ts1":
             return Resampled(model, generator)
-        return model.sample_posterior(generator, num_envs) if self.propagation == "tsinf" else model
+        return model.sample_posterior(generator, num_samples) if self.propagation == "tsinf" else model
 
     def next_state(
         self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
     ) -> th.Tensor:
-        # A posterior sample has no epistemic part.
+        # The epistemic standard deviation of a posterior sample is 0.
         return _add_noise(prediction.mean, prediction.predictive_std, generator)
 
 
+@dataclass(frozen=True)
 class Thompson(ExplorationStrategy):
     """
-    Thompson sampling: one posterior sample (an ensemble's member, or one function) is drawn before each search, and
-    the policy that is optimal in it plays the next real episodes (appendix B.1). Adds no action dimension.
+    Thompson sampling: each search uses one posterior sample (such as one ensemble member), and the policy that is
+    optimal for it plays the next real episodes (appendix B.1). Adds no action dimension.
     """
 
-    def begin_search(
-        self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
-    ) -> Predictor:
+    def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
         return model.sample_posterior(generator)
 
     def next_state(
@@ -169,27 +183,27 @@ class Thompson(ExplorationStrategy):
         return _add_noise(prediction.mean, prediction.aleatoric_std, generator)
 
 
+@dataclass(frozen=True)
 class Bonus(ExplorationStrategy):
     """
     The mean model with the reward r + λ ‖σ‖, σ the epistemic standard deviation (SOMBRL, Sukhija et al. 2025). Adds no
     action dimension.
 
-    :param weight: λ before the first search
-    :param decay: λ is multiplied by this after every real episode but the first; 1 keeps it
+    :param weight: λ of the first search
+    :param decay: factor of λ after every real episode but the first; 1 keeps λ constant
     :raises ValueError: if the weight is negative or the decay outside (0, 1]
     """
 
-    def __init__(self, weight: float = 1.0, decay: float = 1.0) -> None:
-        if not 0 < decay <= 1:
-            raise ValueError(f"decay is {decay}: give a factor above 0 and up to 1")
-        self.initial_weight = self.weight = _not_negative("weight", weight)
-        self.decay = decay
+    weight: float = 1.0
+    decay: float = 1.0
 
-    def begin_search(
-        self, model: DynamicsModel, num_envs: int, real_episodes: int, generator: th.Generator
-    ) -> Predictor:
-        self.weight = self.initial_weight * self.decay ** max(0, real_episodes - 1)
-        return model
+    def __post_init__(self) -> None:
+        if not 0 < self.decay <= 1:
+            raise ValueError(f"decay is {self.decay}: give a factor above 0 and up to 1")
+        _require_not_negative("weight", self.weight)
+
+    def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
+        return replace(self, weight=self.weight * self.decay ** max(0, real_episodes - 1))
 
     def next_state(
         self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
@@ -197,26 +211,25 @@ class Bonus(ExplorationStrategy):
         return _add_noise(prediction.mean, prediction.aleatoric_std, generator)
 
     def bonus(self, prediction: Prediction) -> th.Tensor:
-        return self.weight * prediction.epistemic_std.norm(dim=-1)
+        norm: th.Tensor = prediction.epistemic_std.norm(dim=-1)
+        return self.weight * norm
+
+    def diagnostics(self) -> dict[str, float]:
+        return {"bonus_weight": self.weight}
 
 
-#: strategies by their names
-STRATEGIES: dict[str, Callable[..., ExplorationStrategy]] = {
-    "optimistic": Optimistic,
-    "greedy": Greedy,
-    "thompson": Thompson,
-    "bonus": Bonus,
-}
+#: exploration strategies by name
+STRATEGIES: Registry[ExplorationStrategy] = Registry(
+    "exploration", {"optimistic": Optimistic, "greedy": Greedy, "thompson": Thompson, "bonus": Bonus}
+)
 
 
 def make_strategy(name: str, **kwargs: Any) -> ExplorationStrategy:
     """
-    Build a strategy by its name.
+    Build a strategy by name.
 
-    :param name: a key of :data:`STRATEGIES`
+    :param name: registered in :data:`STRATEGIES`
     :param kwargs: arguments of the strategy's class
-    :raises ValueError: if the name is unknown
+    :raises ValueError: if the name is unknown or an argument is out of range
     """
-    if name not in STRATEGIES:
-        raise ValueError(f"unknown exploration {name!r}: choose one of {sorted(STRATEGIES)}")
-    return STRATEGIES[name](**kwargs)
+    return STRATEGIES.make(name, **kwargs)

@@ -1,47 +1,5 @@
-"""What a policy search has found, taken out of an SB3 algorithm and put back."""
+"""Where files of version 0.1 look for the parameters of a policy; new code imports them from :mod:`sb3_hucrl.sb3`."""
 
-from __future__ import annotations
+from sb3_hucrl.sb3.parameters import Parameters
 
-import copy
-from dataclasses import dataclass
-from typing import Any
-
-import torch as th
-from sb3_contrib import ARS
-from stable_baselines3.common.base_class import BaseAlgorithm
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """
-    Policy and critics of an algorithm at one moment. Optimiser states stay with the algorithm.
-
-    :param torch: state dict of the policy
-    :param jax: training states of a policy of sbx, which keeps nothing in torch
-    """
-
-    torch: dict[str, Any]
-    jax: dict[str, Any]
-
-    @staticmethod
-    def of(model: BaseAlgorithm) -> Parameters:
-        """
-        :param model: any SB3 algorithm
-        :return: a copy, on the CPU
-        """
-        torch = {name: value.detach().cpu().clone() for name, value in model.policy.state_dict().items()}
-        # Never changed in place: a new one takes their place at every gradient step.
-        jax = {name: value for name, value in vars(model.policy).items() if name.endswith("_state")}
-        return Parameters(torch, jax)
-
-    def restore(self, model: BaseAlgorithm) -> None:
-        """
-        :param model: of which these are the parameters; its search goes on from them
-        """
-        model.policy.load_state_dict(self.torch)
-        for name, value in self.jax.items():
-            setattr(model.policy, name, copy.copy(value))
-        if isinstance(model, ARS):
-            # It searches around this vector and overwrites the policy with it.
-            weights = th.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
-            model.weights = weights  # type: ignore[assignment]  # typed as the None that it is at first
+__all__ = ["Parameters"]

@@ -1,4 +1,4 @@
-"""Pictures of calibration."""
+"""Calibration plots."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 def reliability_figure(coverage: Mapping[str, th.Tensor], title: str = "") -> Figure:
     """
-    Reliability diagram: coverage against confidence, one panel per state dimension. The diagonal is perfect.
+    Reliability diagram: coverage against confidence, one panel per state dimension. The diagonal is ideal.
 
-    :param coverage: curves by name, each of shape (levels, p)
-    :param title: above the picture
+    :param coverage: reliability curves by name, each of shape (levels, p)
+    :param title: title of the figure
     """
-    # Not at the top: matplotlib takes longer to import than everything else here.
+    # Imported late, because importing matplotlib takes long.
     from matplotlib.figure import Figure
 
     dims = next(iter(coverage.values())).shape[1]

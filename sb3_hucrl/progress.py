@@ -1,14 +1,17 @@
-"""Progress bars of long steps."""
+"""Progress bars."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from tqdm import tqdm
 
 
-def progress_bar(total: int | None, what: str) -> tqdm:
+def progress_bar(total: int | None, what: str) -> tqdm[Any]:
     """
-    :param total: number of steps, None if nobody knows
-    :param what: in front of the bar
-    :return: a bar that shows up after a second, goes away at the end, and is silent where there is no terminal
+    A bar that appears after one second, disappears at the end, and prints nothing without a terminal.
+
+    :param total: number of steps, None if unknown
+    :param what: label of the bar
     """
     return tqdm(total=total, desc=what, unit="step", delay=1.0, leave=False, disable=None)

@@ -15,11 +15,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
 from sb3_hucrl.callbacks import HUCRLCallback
-from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
-from sb3_hucrl.starts import StartStates
-from sb3_hucrl.state import HUCRLState, get_state
-from sb3_hucrl.tasks import Task, resolve_task
-from sb3_hucrl.wrappers.learned_model import LearnedModelEnv
+from sb3_hucrl.imagination import World
+from sb3_hucrl.loop import HUCRLState, Loop, Problem
+from sb3_hucrl.sb3 import get_state
+from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.zoo.tuning import callback_settings
 
 
@@ -82,22 +81,16 @@ class ZooRun:
         args, config = self._settings
         return gym.make(self.env_id, **{**(config.get("env_kwargs") or {}), **(args["env_kwargs"] or {}), **kwargs})
 
-    def imagination(self) -> tuple[LearnedModelEnv, Task]:
+    def world(self) -> World:
         """
-        :return: what the run imagines now, from real start states, as an environment; and its task
+        :return: what the run imagines now, from where real episodes begin
         """
         settings = callback_settings(self._settings[1].get("callback"))
         assert settings is not None  # there is a state
-        callback = HUCRLCallback(**settings)
-        strategy = callback.strategy
-        state, real = self.state, self.real_env()
-        observations = require_vector_observation(real.observation_space)
-        task = resolve_task(callback.task, callback.task_kwargs, real.spec, observations.shape[0])
-        model = strategy.begin_search(state.dynamics, 1, state.real_episodes, state.generator)
-        starts = StartStates(state.dataset, task, {"initial": 1.0})
-        assert real.spec is not None
-        assert real.spec.max_episode_steps is not None  # the callback asked for both
-        horizon = callback.horizon or real.spec.max_episode_steps
-        box, q = require_bounded_box(real.action_space), state.dataset.action_dim
-        actions = gym.spaces.Box(box.low[:q], box.high[:q])
-        return LearnedModelEnv(model, strategy, task, horizon, starts, observations, actions), task
+        loop_settings = HUCRLCallback(**settings).settings
+        state, real, actions = self.state, self.real_env(), require_bounded_box(self.model.action_space)
+        hallucinated_dim = actions.shape[0] - state.dataset.action_dim
+        problem = Problem.from_spaces(
+            real.spec, self.model.observation_space, actions, hallucinated_dim, loop_settings.model
+        )
+        return Loop(loop_settings, problem, real, state).begin_search().from_real_starts()

@@ -1,14 +1,17 @@
-"""Which spaces hallucination can work with; the errors say what to do about the others."""
+"""Checks of the spaces that hallucination needs; the errors say how to convert other spaces."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 
-def require_bounded_box(action_space: spaces.Space) -> spaces.Box:
+def require_bounded_box(action_space: spaces.Space[Any]) -> spaces.Box:
     """
-    :param action_space: of the real environment, or already widened
+    :param action_space: of the real environment, with or without a′
+    :return: the same space
     :raises ValueError: unless it is a finite, one-dimensional Box
     """
     if not isinstance(action_space, spaces.Box):
@@ -25,9 +28,10 @@ def require_bounded_box(action_space: spaces.Space) -> spaces.Box:
     return action_space
 
 
-def require_vector_observation(observation_space: spaces.Space) -> spaces.Box:
+def require_vector_observation(observation_space: spaces.Space[Any]) -> spaces.Box:
     """
     :param observation_space: of the real environment
+    :return: the same space
     :raises ValueError: unless it is a one-dimensional Box of floats
     """
     if not isinstance(observation_space, spaces.Box):
@@ -45,9 +49,9 @@ def require_vector_observation(observation_space: spaces.Space) -> spaces.Box:
 
 def widen(action_space: spaces.Box, hallucinated_dim: int) -> spaces.Box:
     """
-    Append room for a′ to the real action space.
+    Append the dimensions of a′ to the real action space.
 
-    :param action_space: of the real environment, q dimensions
+    :param action_space: of the real environment, with q dimensions
     :param hallucinated_dim: number of dimensions of a′, each in [-1, 1]
     :return: a Box of q + hallucinated_dim dimensions
     """

@@ -18,7 +18,7 @@ import torch as th
 from tqdm import tqdm
 
 from sb3_hucrl import TransitionDataset, Transitions
-from sb3_hucrl.dynamics import DYNAMICS, Prediction, Predictor, ProbabilisticEnsemble, make_dynamics
+from sb3_hucrl.dynamics import LEARNED, Prediction, Predictor, ProbabilisticEnsemble, make_dynamics
 
 
 def random_dataset(transitions: int) -> TransitionDataset:
@@ -104,7 +104,7 @@ def batching_gain(states: int, budget: float) -> float:
 def main() -> None:
     """Measure, write the CSV and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=list(DYNAMICS))
+    parser.add_argument("--dynamics", nargs="+", choices=LEARNED, default=list(LEARNED))
     parser.add_argument("--transitions", nargs="+", type=int, default=[400, 2_000, 4_000, 20_000])
     parser.add_argument("--states", nargs="+", type=int, default=[1, 32, 256, 4_096])
     parser.add_argument("--budget", type=float, default=0.5, help="seconds spent on each prediction timing")

@@ -17,9 +17,13 @@ import numpy as np
 import torch as th
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_hucrl import ImaginationVecEnv, Optimistic, ProbabilisticEnsemble, StartStates, TransitionDataset
-from sb3_hucrl.rollout import collect_episode
+from sb3_hucrl import ImaginationVecEnv, Optimistic, ProbabilisticEnsemble, StartStates, TransitionDataset, World
+from sb3_hucrl.imagination import Limits
+from sb3_hucrl.loop import collect_episode
+from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.tasks import PendulumTask
+
+ENV_ID = "HUCRL-Pendulum-v0"
 
 
 def seconds_per_call(function: Callable[[], object], calls: int) -> float:
@@ -33,14 +37,14 @@ def seconds_per_call(function: Callable[[], object], calls: int) -> float:
 def time_per_step(num_envs: int, horizon: int, slices: int, slice_seconds: float) -> list[float]:
     """Median seconds of one step of the VecEnv, of one prediction, and of one pass through the naked networks."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
-    venv = DummyVecEnv([lambda: gym.make("HUCRL-Pendulum-v0")] * num_envs)
     rng = np.random.default_rng(0)
-    dataset.append_episode(collect_episode(venv, lambda *_: rng.uniform(-1, 1, 3).astype(np.float32), task, 1))
+    real = gym.make(ENV_ID)
+    dataset.append_episode(collect_episode(real, lambda *_: rng.uniform(-1, 1, 3).astype(np.float32), task, 1))
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))
-    env = ImaginationVecEnv(venv)
-    starts = StartStates(dataset, task)
-    env.imagine(model, Optimistic(), task, horizon, starts)
+    env = ImaginationVecEnv(DummyVecEnv([lambda: gym.make(ENV_ID)] * num_envs))
+    starts, limits = StartStates(dataset, task), Limits.from_data(dataset, task, model, None)
+    env.imagine(World(model, Optimistic(), task, require_bounded_box(env.action_space), horizon, starts, limits))
     env.reset()
     actions = rng.uniform(-1, 1, (num_envs, 3)).astype(np.float32)
     states, _ = starts.sample(num_envs, None)

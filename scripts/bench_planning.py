@@ -11,15 +11,15 @@ import argparse
 import time
 from collections.abc import Callable
 
+import gymnasium as gym
 import numpy as np
 import torch as th
 from gymnasium import spaces
-from stable_baselines3.common.env_util import make_vec_env
 
-from sb3_hucrl import Optimistic, ProbabilisticEnsemble, TransitionDataset
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl import Optimistic, ProbabilisticEnsemble, StartStates, TransitionDataset, World
+from sb3_hucrl.imagination import Limits
+from sb3_hucrl.loop import collect_episode
 from sb3_hucrl.planning import ActionSequence, Bounds, ImaginedReturns, PlanningProblem
-from sb3_hucrl.rollout import collect_episode
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -27,12 +27,13 @@ def objective(horizon: int) -> ImaginedReturns:
     """Planning for the pendulum, with an ensemble that has seen one episode of random torques."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
-    venv = make_vec_env("HUCRL-Pendulum-v0", 1)
-    dataset.append_episode(collect_episode(venv, lambda *_: rng.uniform(-1, 1, 3).astype(np.float32), task, 1))
+    real = gym.make("HUCRL-Pendulum-v0")
+    dataset.append_episode(collect_episode(real, lambda *_: rng.uniform(-1, 1, 3).astype(np.float32), task, 1))
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))
-    system = HallucinatedSystem(model, Optimistic(), task, spaces.Box(-1.0, 1.0, (3,)))
-    problem = PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high)))
+    starts, limits = StartStates(dataset, task), Limits.from_data(dataset, task, model, None)
+    world = World(model, Optimistic(), task, spaces.Box(-1.0, 1.0, (3,)), horizon, starts, limits)
+    problem = PlanningProblem(world, ActionSequence(horizon, Bounds(world.low, world.high)))
     return ImaginedReturns(problem, th.tensor([[np.pi, 0.0]], dtype=th.float32), th.Generator().manual_seed(0))
 
 

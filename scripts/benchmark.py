@@ -25,7 +25,7 @@ import yaml
 from tqdm import tqdm
 
 from results_table import ResultsTable, real_episodes
-from sb3_hucrl.dynamics import DYNAMICS, NOT_LEARNED
+from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
 from sb3_hucrl.runs import ZooRun
 
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument("--algo", nargs="+", default=["sac"])
     parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
-    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS | NOT_LEARNED), default=["ensemble"])
+    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])

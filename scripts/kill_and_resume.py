@@ -17,7 +17,8 @@ import torch as th
 from stable_baselines3 import SAC
 from tqdm import trange
 
-from sb3_hucrl.state import HUCRLState, get_state
+from sb3_hucrl import HUCRLState
+from sb3_hucrl.sb3 import get_state
 
 ENV_ID = "HUCRL-Pendulum-v0"
 #: seconds until the first checkpoint must be there

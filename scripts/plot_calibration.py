@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pandas as pd
 import torch as th
-from stable_baselines3.common.vec_env import DummyVecEnv
 from tqdm import tqdm
 
 from sb3_hucrl import TransitionDataset, Transitions
-from sb3_hucrl.actors import Actor, Array
-from sb3_hucrl.dynamics import DYNAMICS, make_dynamics
+from sb3_hucrl.dynamics import LEARNED, make_dynamics
 from sb3_hucrl.dynamics.calibration import calibration_error, reliability
 from sb3_hucrl.dynamics.delta import DeltaModel
+from sb3_hucrl.imagination import Array
+from sb3_hucrl.loop import Actor, collect_episode
 from sb3_hucrl.plots import reliability_figure
-from sb3_hucrl.rollout import collect_episode
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -41,10 +41,10 @@ def random_torques(rng: np.random.Generator, hold: int) -> Actor:
     return act
 
 
-def collect(venv: DummyVecEnv, episodes: int, rng: np.random.Generator) -> list[Transitions]:
+def collect(env: gym.Env[Any, Any], episodes: int, rng: np.random.Generator) -> list[Transitions]:
     """Real episodes."""
     task = PendulumTask()
-    return [collect_episode(venv, random_torques(rng, hold=40), task, action_dim=1) for _ in range(episodes)]
+    return [collect_episode(env, random_torques(rng, hold=40), task, action_dim=1) for _ in range(episodes)]
 
 
 def coverage(model: DeltaModel, unseen: Transitions) -> th.Tensor:
@@ -58,21 +58,21 @@ def coverage(model: DeltaModel, unseen: Transitions) -> th.Tensor:
 def main() -> None:
     """Fit, measure, write the CSV and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=list(DYNAMICS))
+    parser.add_argument("--dynamics", nargs="+", choices=LEARNED, default=list(LEARNED))
     parser.add_argument("--seeds", nargs="+", type=int, default=[21, 22, 23, 24, 25])
     parser.add_argument("--episodes", type=int, default=3, help="real episodes to learn from")
     parser.add_argument("--output", type=Path, default=Path("results/calibration.csv"))
     parser.add_argument("--picture", type=Path, default=Path("docs/calibration"), help="folder, one picture per model")
     args = parser.parse_args()
-    venv = DummyVecEnv([lambda: gym.make("HUCRL-Pendulum-v0", hallucinate=False)])
+    env = gym.make("HUCRL-Pendulum-v0", hallucinate=False)
     curves: dict[str, dict[str, list[th.Tensor]]] = {name: {"before": [], "after": []} for name in args.dynamics}
     rows = []
     for seed in tqdm(args.seeds, unit="seed"):
         rng = np.random.default_rng(seed)
         dataset = TransitionDataset(2, 1, seed=seed)
-        for episode in collect(venv, args.episodes, rng):
+        for episode in collect(env, args.episodes, rng):
             dataset.append_episode(episode)
-        unseen = Transitions.concatenate(collect(venv, 3, rng))
+        unseen = Transitions.concatenate(collect(env, 3, rng))
         for name in args.dynamics:
             model = make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(seed), recalibrate=True)
             assert isinstance(model, DeltaModel)

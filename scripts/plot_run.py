@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 import matplotlib as mpl
-import numpy as np
 import pandas as pd
 
 mpl.use("agg")
@@ -35,8 +34,9 @@ def draw_progress(run: ZooRun, output: Path) -> None:
         axis.plot(values.index, values, marker="o", markersize=3, label="real")
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
-    promised = [float(episode.rewards.sum()) for episode in run.state.imagined_episodes]
-    numbers = np.arange(len(promised)) + run.state.real_episodes - len(promised) + 1
+    imagined = run.state.imagined_episodes
+    numbers = [episode.real_episode for episode in imagined]
+    promised = [float(episode.transitions.rewards.sum()) for episode in imagined]
     axes[0, 0].plot(numbers, promised, marker="o", markersize=3, linestyle="--", label="imagined before it")
     axes[0, 0].legend(fontsize=8)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(integer=True))

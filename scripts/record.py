@@ -18,8 +18,10 @@ import torch as th
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
-from sb3_hucrl.actors import Actor, one_by_one, policy_actor
+from sb3_hucrl import LearnedModelEnv
+from sb3_hucrl.loop import Actor, one_by_one
 from sb3_hucrl.runs import ZooRun
+from sb3_hucrl.sb3 import policy_actor
 
 Frame = npt.NDArray[np.uint8]
 
@@ -39,13 +41,14 @@ def real_frames(run: ZooRun, act: Actor, seed: int) -> Iterator[tuple[Frame, flo
 
 def imagined_frames(run: ZooRun, act: Actor, seed: int) -> Iterator[tuple[Frame, float]]:
     """Frames and returns so far of one imagined episode, drawn by the real environment put into its states."""
-    imagination, task = run.imagination()
+    world = run.world()
+    imagination = LearnedModelEnv(world, run.real_env().observation_space)
     canvas = run.real_env(render_mode="rgb_array")
     canvas.reset(seed=seed)
     place = canvas.get_wrapper_attr("set_state")
 
     def draw(observation: npt.NDArray[np.float32]) -> Frame:
-        place(task.state(th.as_tensor(observation)[None])[0])
+        place(world.task.state(th.as_tensor(observation)[None])[0])
         return _render(canvas)
 
     return _frames(imagination, act, seed, draw)

@@ -22,16 +22,13 @@ from benchmark import hyperparameters
 from figures.curves import ALGO
 from figures.experiment import PENDULUM
 from figures.trajectories import transitions
-from sb3_hucrl import ImaginationVecEnv
-from sb3_hucrl.actors import policy_actor
-from sb3_hucrl.callbacks import JUDGED
-from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl import ImaginationVecEnv, StartStates, TransitionDataset, World
 from sb3_hucrl.dynamics import Predictor, ProbabilisticEnsemble
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic, Thompson
-from sb3_hucrl.imagination import Imagination
-from sb3_hucrl.selection import imagined_return
+from sb3_hucrl.imagination import Limits, imagined_return
+from sb3_hucrl.loop import JUDGED
+from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.spaces import require_bounded_box
-from sb3_hucrl.starts import StartStates
 from sb3_hucrl.tasks import PendulumTask
 
 HORIZON = 400
@@ -55,8 +52,10 @@ def search(
     hallucinate = isinstance(strategy, Optimistic)
     kwargs = {"action_penalty": penalty, "hallucinate": hallucinate}
     env = ImaginationVecEnv(make_vec_env(PENDULUM, settings["n_envs"], env_kwargs=kwargs))
-    task = PendulumTask(penalty)
-    env.imagine(model, strategy, task, HORIZON, StartStates(dataset, task), seed)
+    task, box = PendulumTask(penalty), require_bounded_box(env.action_space)
+    limits = Limits.from_data(dataset, task, model, None)
+    world = World(model, strategy, task, box, HORIZON, StartStates(dataset, task), limits, seed)
+    env.imagine(world)
     algorithm = ALGOS[ALGO](
         settings["policy"],
         env,
@@ -65,9 +64,7 @@ def search(
         **{name: value for name, value in settings.items() if name not in ZOO_SETTINGS},
     )
     algorithm.learn(steps)
-    starts = StartStates(dataset, task, {"initial": 1.0})
-    box = require_bounded_box(env.action_space)
-    judge = Imagination(model, strategy, task, starts, HORIZON, JUDGED, box, seed=0)
+    judge = world.from_real_starts().trajectories(JUDGED, seed=0)
     return imagined_return(judge, policy_actor(algorithm, deterministic=True))
 
 

@@ -21,8 +21,7 @@ import torch as th
 from gymnasium import spaces
 
 from results_table import ResultsTable
-from sb3_hucrl import Greedy
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl import Greedy, StartStates, TransitionDataset, World
 from sb3_hucrl.planning import ActionSequence, Bounds, ImaginedReturns, PlanningProblem, make_planner
 from sb3_hucrl.tasks import PendulumTask
 from true_pendulum import TruePendulum
@@ -50,11 +49,13 @@ class Run:
 def execute(run: Run, horizon: int, plans: int) -> pd.DataFrame:
     """Plan several times at once, play each plan, and return one row for each."""
     th.set_num_threads(1)
-    system = HallucinatedSystem(TruePendulum(), Greedy(), PendulumTask(run.action_penalty), spaces.Box(-1.0, 1.0, (1,)))
-    variables = ActionSequence(horizon, Bounds(system.low, system.high))
+    task = PendulumTask(run.action_penalty)
+    starts = StartStates(TransitionDataset(task.width, 1), task)
+    world = World(TruePendulum(), Greedy(), task, spaces.Box(-1.0, 1.0, (1,)), horizon, starts)
+    variables = ActionSequence(horizon, Bounds(world.low, world.high))
     generator = th.Generator().manual_seed(run.seed)
     hanging = th.tensor([[np.pi, 0.0]], dtype=th.float32).repeat(plans, 1)
-    objective = ImaginedReturns(PlanningProblem(system, variables), hanging, generator)
+    objective = ImaginedReturns(PlanningProblem(world, variables), hanging, generator)
     started = time.perf_counter()
     planner = make_planner(run.planner, **PLANNERS[run.planner])
     plan = planner.plan(objective, variables.fresh(plans), variables.bounds, generator)

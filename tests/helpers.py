@@ -7,20 +7,29 @@ from typing import Any
 
 import numpy as np
 import torch as th
+from gymnasium import spaces
 from stable_baselines3 import SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_hucrl import (
     DynamicsModel,
+    ExplorationStrategy,
     HUCRLCallback,
+    HUCRLState,
     ImaginationVecEnv,
+    Optimistic,
     Prediction,
     StartStates,
+    Task,
     TransitionDataset,
     Transitions,
+    World,
 )
-from sb3_hucrl.dynamics import FitReport
+from sb3_hucrl.dynamics import FitReport, Predictor
 from sb3_hucrl.dynamics.calibration import Calibration
+from sb3_hucrl.imagination import Limits
+from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.tasks import PendulumTask
 
 ENV_ID = "HUCRL-Pendulum-v0"
@@ -86,6 +95,34 @@ def hanging_start() -> StartStates:
     start = th.tensor([[math.pi, 0.0]])
     dataset.append_episode(Transitions(start, th.zeros(1, 1), start, th.zeros(1), th.zeros(1, dtype=th.bool)))
     return StartStates(dataset, PendulumTask(), {"initial": 1.0})
+
+
+def small_world(
+    model: Predictor | None = None,
+    strategy: ExplorationStrategy | None = None,
+    task: Task | None = None,
+    horizon: int = 400,
+    starts: StartStates | None = None,
+    bound: float = 1.0,
+    **kwargs: Any,
+) -> World:
+    """By default the true pendulum, steered by a′, from where real episodes begin; actions are in [-bound, bound]."""
+    model, strategy, task = model or TruePendulum(), strategy or Optimistic(), task or PendulumTask()
+    dim = model.action_dim + strategy.hallucinated_dim(task.hallucinated_dim)
+    starts = starts or hanging_start()
+    return World(model, strategy, task, spaces.Box(-bound, bound, (dim,)), horizon, starts, **kwargs)
+
+
+def limits_of(dataset: TransitionDataset, task: Task) -> Limits:
+    """The plausible range of what was visited."""
+    return Limits.from_data(dataset, task, TruePendulum(), None)
+
+
+def state_of(model: BaseAlgorithm) -> HUCRLState:
+    """What a trained algorithm carries."""
+    state = get_state(model)
+    assert state is not None
+    return state
 
 
 def imagination_env(n_envs: int = 4, **env_kwargs: Any) -> ImaginationVecEnv:

@@ -16,8 +16,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from helpers import imagination_env, small_callback
 from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, MPO
-from sb3_hucrl.parameters import Parameters
-from sb3_hucrl.state import get_state
+from sb3_hucrl.sb3 import Parameters, get_state
 
 OFF_POLICY: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "learning_starts": 40}
 ON_POLICY: dict[str, Any] = {"n_steps": 10}

@@ -22,17 +22,11 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac
-from sb3_hucrl import HallucinationWrapper, HUCRLCallback, HUCRLState, ImaginationVecEnv, ProbabilisticEnsemble
-from sb3_hucrl.dynamics import DYNAMICS
+from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
+from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv, ProbabilisticEnsemble
+from sb3_hucrl.dynamics import LEARNED
 from sb3_hucrl.envs.pendulum import PendulumEnv
 from sb3_hucrl.tasks import PendulumTask, Task
-
-
-def state_of(model: BaseAlgorithm) -> HUCRLState:
-    state = vars(model)["hucrl"]
-    assert isinstance(state, HUCRLState)
-    return state
 
 
 def test_counts_real_and_imagined_steps_and_leaves_the_environment_real() -> None:
@@ -43,7 +37,7 @@ def test_counts_real_and_imagined_steps_and_leaves_the_environment_real() -> Non
     assert state.real_episodes == 5
     assert len(state.dataset) == 5 * 400
     assert model.num_timesteps == 240
-    assert env.imagination is None
+    assert env.trajectories is None
     assert env.get_attr("total_steps") == [2_000, 0, 0, 0]
 
 
@@ -60,9 +54,14 @@ def test_real_episodes_sample_the_policy_first_and_play_its_mode_later(fraction:
     played = []
 
     class Spy(HUCRLCallback):
-        def _end_search(self, deterministic: bool) -> None:
-            played.append(deterministic)
-            super()._end_search(deterministic)
+        def _on_training_start(self) -> None:
+            super()._on_training_start()
+
+            # It is asked once before each real episode whether to plan it.
+            def spy(deterministic: bool) -> None:
+                played.append(deterministic)
+
+            self._search.planner = spy  # type: ignore[method-assign]  # as above
 
     model = small_sac()
     callback = Spy(imagined_steps=40, horizon=10, sampling_fraction=fraction, dynamics_kwargs={"gradient_steps": 5})
@@ -76,7 +75,7 @@ def test_what_is_imagined_comes_true_where_the_model_is_the_truth() -> None:
     state = state_of(model)
     assert len(state.imagined_episodes) == 2
     # The last episode plays the mode, from where every episode begins.
-    imagined, real = state.imagined_episodes[-1], state.dataset.transitions[th.arange(800, 1200)]
+    imagined, real = state.imagined_episodes[-1].transitions, state.dataset.transitions[th.arange(800, 1200)]
     assert len(imagined) == len(real) == 400
     th.testing.assert_close(imagined.actions, real.actions, atol=1e-3, rtol=1e-3)
     th.testing.assert_close(imagined.states.cos(), real.states.cos(), atol=1e-3, rtol=1e-3)
@@ -140,7 +139,8 @@ def test_search_starts_afresh_after_a_refit() -> None:
         def _start_search(self) -> None:
             super()._start_search()
             assert model.replay_buffer is not None
-            starts.append((model.num_timesteps, model.replay_buffer.size(), self._imagination.lengths.max()))
+            assert self._env.trajectories is not None
+            starts.append((model.num_timesteps, model.replay_buffer.size(), self._env.trajectories.lengths.max()))
 
     model.learn(160, callback=Spy(imagined_steps=80, horizon=50, dynamics_kwargs={"gradient_steps": 5}))
     assert starts == [(0, 0, 0), (80, 0, 0)]
@@ -169,7 +169,7 @@ def test_every_strategy_runs_the_loop(exploration: str, arguments: dict[str, Any
 
 
 @pytest.mark.parametrize("exploration", ["optimistic", "thompson"])
-@pytest.mark.parametrize("dynamics", DYNAMICS)
+@pytest.mark.parametrize("dynamics", LEARNED)
 def test_every_model_runs_the_loop_and_survives_save_and_load(dynamics: str, exploration: str, tmp_path: Path) -> None:
     env = imagination_env(hallucinate=exploration == "optimistic")
     arguments = {"beta": "theory"} if exploration == "optimistic" and "ensemble" not in dynamics else {}
@@ -273,7 +273,7 @@ def test_an_interrupted_search_is_not_played_for_real() -> None:
         model.learn(160, callback=callback)
     callback.on_training_end()
     assert state_of(model).real_episodes == 1
-    assert env.imagination is None
+    assert env.trajectories is None
 
 
 SCRIPT = """
@@ -331,9 +331,9 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
         ({"initial_episodes": 0}, "initial_episodes is 0: give at least 1"),
         ({"real_episodes": 0}, "real_episodes is 0"),
         ({"imagined_steps": 0}, "imagined_steps is 0"),
-        ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a share between 0 and 1"),
-        ({"real_data_fraction": -0.1}, "real_data_fraction is -0.1: give a share between 0 and 1"),
-        ({"stale_fraction": 2.0}, "stale_fraction is 2.0: give a share between 0 and 1"),
+        ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a fraction between 0 and 1"),
+        ({"real_data_fraction": -0.1}, "real_data_fraction is -0.1: give a fraction between 0 and 1"),
+        ({"stale_fraction": 2.0}, "stale_fraction is 2.0: give a fraction between 0 and 1"),
         ({"horizon": 0}, "horizon is 0"),
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
         ({"dynamics": "tree"}, "unknown dynamics 'tree'"),

@@ -56,7 +56,11 @@ def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def _forget_names() -> Iterator[None]:
-    registries: list[dict[str, Any]] = [DYNAMICS, STRATEGIES, PLANNERS, gym.registry, registry._FACTORIES]
+    registries: list[dict[str, Any]] = [
+        *(vars(each)["_targets"] for each in (DYNAMICS, STRATEGIES, PLANNERS)),
+        registry._FACTORIES,
+        gym.registry,
+    ]
     known = [dict(each) for each in registries]
     yield
     for each, before in zip(registries, known, strict=True):

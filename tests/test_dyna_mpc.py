@@ -8,12 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch as th
-from gymnasium import spaces
 from stable_baselines3 import SAC
 
-from helpers import TruePendulum, imagination_env, small_callback, small_sac
-from sb3_hucrl import Optimistic
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from helpers import imagination_env, small_callback, small_sac, small_world
 from sb3_hucrl.planning import (
     CEM,
     Bounds,
@@ -23,21 +20,16 @@ from sb3_hucrl.planning import (
     PolicyNoise,
     PolicyParameters,
     Proposal,
-    SB3Policy,
     planning_settings,
 )
-from sb3_hucrl.state import get_state
+from sb3_hucrl.sb3 import SB3Policy, get_state
 from sb3_hucrl.tasks import PendulumTask
 
 LEANING = np.array([[math.sin(0.3), math.cos(0.3), 0.0], [0.0, -1.0, 0.0]], np.float32)
 
 
-def system() -> HallucinatedSystem:
-    return HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), spaces.Box(-1.0, 1.0, (3,)))
-
-
 def planner(model: SAC, **settings: Any) -> MPCPolicy:
-    return DynaMPCSettings(**settings).build(system(), model, seed=0)
+    return DynaMPCSettings(**settings).build(small_world(task=PendulumTask(0.0)), SB3Policy(model), seed=0)
 
 
 def test_without_anything_better_the_policy_itself_acts() -> None:
@@ -52,7 +44,7 @@ def test_without_anything_better_the_policy_itself_acts() -> None:
         return -1e6 * (observation[:, 2]).abs()
 
     built = planner(model, std=1.0, samples=2, horizon=1, bootstrap=False, planner="random_shooting")
-    built._problem = type(built._problem)(built._problem.system, built._problem.variables, terminal_value=value)
+    built._problem = type(built._problem)(built._problem.world, built._problem.variables, terminal_value=value)
     hanging = LEANING[1:]
     actions, _ = built.predict(hanging, deterministic=True)
     np.testing.assert_allclose(actions, model.predict(hanging, deterministic=True)[0], atol=1e-6)
@@ -63,11 +55,11 @@ def test_planning_improves_on_an_untrained_policy(space: str) -> None:
     model = small_sac()
     settings: dict[str, Any] = {"horizon": 20, "samples": 32, "bootstrap": False, "space": space, "std": 0.3}
     built = planner(model, planner="cem", num_iterations=3, **settings)
-    returns = []
+    returns, world = [], small_world(task=PendulumTask(0.0))
     for act in (lambda o: model.predict(o, deterministic=True)[0], lambda o: built.predict(o, deterministic=True)[0]):
-        state, total = system().task.state(th.as_tensor(LEANING[:1])), 0.0
+        state, total = world.task.state(th.as_tensor(LEANING[:1])), 0.0
         for _ in range(25):
-            step = system().step(state, th.as_tensor(act(system().task.observe(state).numpy())), None)
+            step = world.step(state, th.as_tensor(act(world.task.observe(state).numpy())), None)
             state, total = step.next_state, total + step.reward.item()
         returns.append(total)
     assert returns[1] > returns[0] + 5

@@ -9,7 +9,7 @@ import torch as th
 
 from helpers import pendulum_dataset, random_transitions
 from sb3_hucrl import DynamicsModel, TransitionDataset, Transitions
-from sb3_hucrl.dynamics import DYNAMICS, make_dynamics
+from sb3_hucrl.dynamics import LEARNED, make_dynamics
 
 FAST: dict[str, dict[str, int]] = {
     "ensemble": {"gradient_steps": 40},
@@ -20,7 +20,7 @@ FAST: dict[str, dict[str, int]] = {
     "qff": {"nodes_per_dim": 4},
 }
 
-every_model = pytest.mark.parametrize("name", DYNAMICS)
+every_model = pytest.mark.parametrize("name", LEARNED)
 
 
 def make(name: str, seed: int = 0, steps: int | None = None) -> DynamicsModel:
@@ -169,3 +169,15 @@ def test_samples_have_the_mean_and_variance_of_the_posterior(name: str) -> None:
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(ValueError, match=r"unknown dynamics 'tree': choose one of \['deterministic_ensemble', 'ense"):
         make_dynamics("tree", 2, 1, (), th.Generator())
+    with pytest.raises(ValueError, match=r"\(did you mean 'ensemble'\?\)"):
+        make_dynamics("ensembel", 2, 1, (), th.Generator())
+
+
+@every_model
+def test_diagnoses_the_information_gain_where_there_is_one(name: str) -> None:
+    diagnostics = fitted(name, steps=1).diagnostics()
+    if name.endswith("ensemble"):
+        assert diagnostics == {}
+    else:
+        assert list(diagnostics) == ["information_gain"]
+        assert diagnostics["information_gain"] > 0

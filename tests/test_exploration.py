@@ -4,7 +4,7 @@ import pytest
 import torch as th
 
 from helpers import TruePendulum, pendulum_dataset, random_transitions
-from sb3_hucrl import Bonus, DynamicsModel, Greedy, Optimistic, Prediction, Thompson
+from sb3_hucrl import Bonus, DynamicsModel, ExplorationStrategy, Greedy, Optimistic, Prediction, Thompson
 from sb3_hucrl.dynamics import Predictor, make_dynamics
 from sb3_hucrl.exploration import make_strategy
 
@@ -78,17 +78,17 @@ def test_ts1_draws_members_anew_at_each_step_and_tsinf_keeps_them() -> None:
     model, rows = fitted_ensemble(), 64
     for propagation, kept in (("ts1", False), ("tsinf", True)):
         strategy = make_strategy("greedy", propagation=propagation)
-        predictor = strategy.begin_search(model, rows, 1, th.Generator().manual_seed(0))
+        predictor = strategy.predictor(model, rows, th.Generator().manual_seed(0))
         first, second = (member_of_each_row(model, predictor, rows) for _ in range(2))
         # 64 rows miss one of 5 members with a probability of 3e-6.
         assert set(first) == set(range(5))
         assert (first == second) is kept
-    assert Greedy("ds").begin_search(model, rows, 1, th.Generator()) is model
+    assert Greedy("ds").predictor(model, rows, th.Generator()) is model
 
 
 def test_thompson_draws_one_member_for_each_search() -> None:
     model, generator = fitted_ensemble(), th.Generator().manual_seed(0)
-    searches = [Thompson().begin_search(model, 8, 1, generator) for _ in range(20)]
+    searches = [Thompson().predictor(model, 8, generator) for _ in range(20)]
     members = [member_of_each_row(model, search, 8) for search in searches]
     assert all(len(set(rows)) == 1 for rows in members)
     assert len({rows[0] for rows in members}) > 1
@@ -100,28 +100,63 @@ def test_bonus_pays_for_uncertainty_and_fades() -> None:
     strategy, predicted, model = Bonus(weight=2.0, decay=0.5), prediction(), TruePendulum()
     norm = (0.5**2 + 2.0**2) ** 0.5
     for real_episodes, weight in ((1, 2.0), (2, 1.0), (4, 0.25)):
-        assert strategy.begin_search(model, 8, real_episodes, th.Generator()) is model
-        th.testing.assert_close(strategy.bonus(predicted), th.full((3,), weight * norm))
+        adapted = strategy.adapted(model, real_episodes)
+        assert adapted.predictor(model, 8, th.Generator()) is model
+        assert adapted.diagnostics() == {"bonus_weight": weight}
+        bonus = adapted.bonus(predicted)
+        assert bonus is not None
+        th.testing.assert_close(bonus, th.full((3,), weight * norm))
     assert th.equal(strategy.next_state(predicted, th.ones(3, 0), None), predicted.mean)
     assert Optimistic().bonus(predicted) is None
 
 
 def test_theoretical_beta_follows_the_information_gain() -> None:
     strategy = make_strategy("optimistic", beta="theory", delta=0.05, norm_bound=2.0)
-    assert isinstance(strategy, Optimistic)
     model = make_dynamics("sparse_gp", 2, 1, (0,), th.Generator())
     widths = []
     for points in (50, 500):
         model.fit(pendulum_dataset(points), th.Generator().manual_seed(0))
-        strategy.begin_search(model, 8, 1, th.Generator())
-        assert strategy.beta == model.confidence_width(0.05, 2.0)
-        widths.append(strategy.beta)
+        adapted = strategy.adapted(model, 1)
+        assert adapted.diagnostics() == {"beta": model.confidence_width(0.05, 2.0)}
+        widths.append(model.confidence_width(0.05, 2.0))
     assert 2.0 < widths[0] < widths[1]
     predicted = prediction()
-    raised = strategy.next_state(predicted, th.ones(3, 2), None) - predicted.mean
+    raised = adapted.next_state(predicted, th.ones(3, 2), None) - predicted.mean
     th.testing.assert_close(raised, widths[1] * predicted.epistemic_std)
     with pytest.raises(ValueError, match="beta 'theory' needs a Gaussian process or Fourier features, not Probabili"):
-        strategy.begin_search(fitted_ensemble(), 8, 1, th.Generator())
+        strategy.adapted(fitted_ensemble(), 1)
+    assert strategy.diagnostics() == {}
+    with pytest.raises(ValueError, match=r"beta is 'theory': call adapted"):
+        strategy.next_state(predicted, th.ones(3, 2), None)
+
+
+class Plain(ExplorationStrategy):
+    """A user's strategy that is no dataclass."""
+
+    def __init__(self, shift: float) -> None:
+        self.shift = shift
+
+    def next_state(
+        self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
+    ) -> th.Tensor:
+        return prediction.mean + self.shift
+
+
+def test_a_users_plain_class_needs_only_the_next_state() -> None:
+    strategy, model, predicted = Plain(shift=2.0), TruePendulum(), prediction()
+    assert strategy.adapted(model, 3) is strategy
+    assert strategy.predictor(model, 8, th.Generator()) is model
+    assert strategy.diagnostics() == {}
+    assert th.equal(strategy.next_state(predicted, th.ones(3, 0), None), predicted.mean + 2.0)
+
+
+def test_the_built_in_strategies_are_immutable_values() -> None:
+    model = TruePendulum()
+    for strategy in (Optimistic(), Greedy(), Thompson(), Bonus()):
+        assert strategy.adapted(model, 5) == strategy
+        with pytest.raises(AttributeError):
+            strategy.beta = 3.0  # type: ignore[misc, union-attr]  # what a frozen dataclass refuses
+    assert Optimistic(2.0) == Optimistic(beta=2.0) != Optimistic(1.0)
 
 
 def test_bad_input_says_what_to_do() -> None:
@@ -133,7 +168,7 @@ def test_bad_input_says_what_to_do() -> None:
         make_strategy("optimistic", uncertainty="total")
     with pytest.raises(ValueError, match="beta is 'large': give 0 or more"):
         make_strategy("optimistic", beta="large")
-    with pytest.raises(ValueError, match=r"delta is 1\.0: a probability"):
+    with pytest.raises(ValueError, match=r"delta is 1\.0: give a probability"):
         Optimistic(delta=1.0)
     with pytest.raises(ValueError, match=r"unknown propagation 'ts2': choose one of \['ds', 'ts1', 'tsinf'\]"):
         make_strategy("greedy", propagation="ts2")
@@ -147,4 +182,4 @@ def test_bad_input_says_what_to_do() -> None:
 
 def test_a_model_without_samples_says_so() -> None:
     with pytest.raises(ValueError, match="TruePendulum has no posterior samples"):
-        Thompson().begin_search(TruePendulum(), 8, 1, th.Generator())
+        Thompson().predictor(TruePendulum(), 8, th.Generator())

@@ -72,7 +72,7 @@ def test_sparse_mean_is_that_of_gpytorch() -> None:
     likelihood = gpytorch.likelihoods.GaussianLikelihood().double()
     likelihood.noise = 0.1**2
 
-    class Reference(gpytorch.models.ExactGP):
+    class Reference(gpytorch.models.ExactGP):  # type: ignore[misc]  # GPyTorch is untyped
         def __init__(self) -> None:
             super().__init__(model.train_inputs, model.train_targets[:, 0], likelihood)
             base = gpytorch.kernels.ScaleKernel(gpytorch.kernels.RBFKernel()).double()

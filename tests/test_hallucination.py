@@ -1,5 +1,7 @@
 """Room for a′ on the real environment."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -43,7 +45,7 @@ def test_the_hallucinated_action_never_reaches_the_real_environment() -> None:
 class OddSpaces(gym.Env):
     """An environment with the given spaces, which is never stepped."""
 
-    def __init__(self, observation_space: spaces.Space, action_space: spaces.Space) -> None:
+    def __init__(self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
         self.observation_space, self.action_space = observation_space, action_space
 
 
@@ -62,7 +64,7 @@ VECTOR, TORQUE = spaces.Box(-1, 1, (3,)), spaces.Box(-1, 1, (1,))
     ],
 )
 def test_other_spaces_are_refused_with_advice(
-    observation_space: spaces.Space, action_space: spaces.Space, message: str
+    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         HallucinationWrapper(OddSpaces(observation_space, action_space))

@@ -11,8 +11,8 @@ import torch as th
 from stable_baselines3.common.vec_env import VecNormalize
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from helpers import TruePendulum, hanging_start, imagination_env, small_callback
-from sb3_hucrl import ImaginationVecEnv, Optimistic
+from helpers import TruePendulum, imagination_env, small_callback, small_world
+from sb3_hucrl import ImaginationVecEnv
 from sb3_hucrl.algorithms import HBPTT
 from sb3_hucrl.tasks import PendulumTask
 
@@ -34,7 +34,7 @@ def hbptt(env: Any = None, **kwargs: Any) -> HBPTT:
 
 def imagining(**kwargs: Any) -> HBPTT:
     env = imagination_env()
-    env.imagine(Noisy(), Optimistic(), PendulumTask(0.2), 100, hanging_start())
+    env.imagine(small_world(Noisy(), task=PendulumTask(0.2), horizon=100))
     return hbptt(env, **kwargs)
 
 

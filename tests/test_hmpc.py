@@ -7,16 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac
+from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HUCRLCallback, ImaginationVecEnv
 from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.planning import PLANNERS
-from sb3_hucrl.state import HUCRLState, get_state
 
 SMALL: dict[str, dict[str, Any]] = {
     "random_shooting": {"num_particles": 8},
@@ -39,12 +37,6 @@ MODELS: dict[str, dict[str, Any]] = {
 }
 
 
-def learned(model: BaseAlgorithm) -> HUCRLState:
-    state = get_state(model)
-    assert state is not None
-    return state
-
-
 def hmpc(**env_kwargs: Any) -> HMPC:
     return HMPC("NoPolicy", imagination_env(1, max_episode_steps=20, **env_kwargs), seed=0, device="cpu")
 
@@ -62,8 +54,8 @@ def test_every_planner_plans_with_every_strategy_and_model(planner: str, strateg
     chosen = {**STRATEGIES[strategy], "dynamics": dynamics, "dynamics_kwargs": MODELS[dynamics]}
     callback = planning_callback(planner, initial_episodes=3, **chosen)
     model.learn(1, callback)
-    assert learned(model).real_episodes == 4
-    actions = learned(model).dataset.transitions.actions[-8:]
+    assert state_of(model).real_episodes == 4
+    actions = state_of(model).dataset.transitions.actions[-8:]
     assert actions.abs().max() <= 1
     # So few steps ahead nothing is to be had but a penalty, and iLQR knows.
     assert (actions.std() > 0) == (planner != "ilqr" or strategy == "bonus")
@@ -79,22 +71,22 @@ def test_a_saved_algorithm_plans_and_goes_on(tmp_path: Path) -> None:
     assert lengths == [20, 20]
     assert np.isfinite(returned).all()
     loaded.learn(1, planning_callback("icem"), reset_num_timesteps=False)
-    assert learned(loaded).real_episodes == 4
+    assert state_of(loaded).real_episodes == 4
 
 
 def test_the_same_seed_plans_the_same_episodes() -> None:
     first, second = hmpc(), hmpc()
     for model in (first, second):
         model.learn(1, planning_callback("cem"))
-    one, other = (learned(model).dataset.transitions.states for model in (first, second))
+    one, other = (state_of(model).dataset.transitions.states for model in (first, second))
     assert (one == other).all()
 
 
 def test_another_algorithm_searches_while_a_planner_acts() -> None:
     model = small_sac(imagination_env(max_episode_steps=20))
     model.learn(160, planning_callback("mppi"))
-    assert learned(model).real_episodes == 3
-    assert not learned(model).imagined_episodes
+    assert state_of(model).real_episodes == 3
+    assert not state_of(model).imagined_episodes
     assert model._n_updates > 0
 
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import torch as th
 
-from helpers import TruePendulum, hanging_start, imagination_env
-from sb3_hucrl import Optimistic
+from helpers import TruePendulum, imagination_env, small_world
 from sb3_hucrl.algorithms import HMPO
 from sb3_hucrl.tasks import PendulumTask
 
 
 def hmpo(**kwargs: Any) -> HMPO:
     env = imagination_env()
-    env.imagine(TruePendulum(), Optimistic(), PendulumTask(0.2), 100, hanging_start())
+    env.imagine(small_world(task=PendulumTask(0.2), horizon=100))
     settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}}
     return HMPO("MlpPolicy", env, seed=0, device="cpu", gamma=0.9, **{**settings, **kwargs})
 

@@ -9,8 +9,8 @@ import pytest
 import torch as th
 from stable_baselines3 import SAC
 
-from helpers import TruePendulum, imagination_env, pendulum_dataset, small_callback
-from sb3_hucrl import Optimistic, StartStates
+from helpers import TruePendulum, imagination_env, limits_of, pendulum_dataset, small_callback, small_world
+from sb3_hucrl import StartStates
 from sb3_hucrl.algorithms import HMVE
 from sb3_hucrl.algorithms.hmve import ExpandedReplayBuffer
 from sb3_hucrl.tasks import PendulumTask
@@ -21,8 +21,9 @@ GAMMA = 0.9
 def hmve(dynamics: TruePendulum | None = None, **kwargs: Any) -> HMVE:
     """After some steps on the true dynamics, without noise and uncertainty, or on others."""
     env = imagination_env()
-    starts = StartStates(pendulum_dataset(), PendulumTask())
-    env.imagine(dynamics or TruePendulum(), Optimistic(), PendulumTask(0.2), 100, starts)
+    dataset, task = pendulum_dataset(), PendulumTask(0.2)
+    starts, limits = StartStates(dataset, task), limits_of(dataset, task)
+    env.imagine(small_world(dynamics, task=task, horizon=100, starts=starts, limits=limits))
     settings: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}}
     model = HMVE("MlpPolicy", env, seed=0, device="cpu", gamma=GAMMA, learning_starts=10_000, **{**settings, **kwargs})
     model.learn(200)
@@ -89,7 +90,8 @@ def test_an_expansion_goes_no_further_than_imagination() -> None:
 def test_each_batch_of_a_training_gets_its_share() -> None:
     model = hmve()
     expanded = model.expand(batch(model))
-    buffer = ExpandedReplayBuffer(expanded, num_batches=4)
+    assert model.replay_buffer is not None
+    buffer = ExpandedReplayBuffer(model.replay_buffer, expanded, num_batches=4)
     batches = [buffer.sample(16) for _ in range(4)]
     for dealt, whole in zip(zip(*batches, strict=True), expanded, strict=True):
         assert whole is not None

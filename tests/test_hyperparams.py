@@ -39,7 +39,7 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
         if path.stem == "hmpc":
             continue
         # A search that training cuts short is never played.
-        assert entry["n_timesteps"] % HUCRLCallback(**settings).imagined_steps == 0
+        assert entry["n_timesteps"] % HUCRLCallback(**settings).settings.search.imagined_steps == 0
 
 
 def test_every_algorithm_has_the_pendulum_and_five_have_everything() -> None:

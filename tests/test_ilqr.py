@@ -10,14 +10,12 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 import torch as th
-from gymnasium import spaces
 
-from helpers import ENV_ID, TruePendulum
+from helpers import ENV_ID, TruePendulum, small_world
 from sb3_hucrl import Bonus, Optimistic, Prediction, Task
 from sb3_hucrl.dynamics import Predictor
 from sb3_hucrl.dynamics.truth import TrueDynamics
 from sb3_hucrl.exploration import ExplorationStrategy
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
 from sb3_hucrl.planning import ILQR, ActionSequence, Bounds, ImaginedReturns, Plan, PlanningProblem
 from sb3_hucrl.planning.derivatives import expand_step, expand_terminal
 from sb3_hucrl.tasks import PendulumTask
@@ -66,9 +64,9 @@ def riccati() -> tuple[th.Tensor, th.Tensor]:
 
 def regulator(limit: float, horizon: int = 12) -> PlanningProblem:
     p, _ = riccati()
-    system = HallucinatedSystem(Linear(2, 1), Optimistic(0.0), Quadratic(), spaces.Box(-limit, limit, (3,)))
-    variables = ActionSequence(horizon, Bounds(system.low.double(), system.high.double()))
-    return PlanningProblem(system, variables, terminal_value=lambda s: -th.einsum("bi,ij,bj->b", s, p, s))
+    world = small_world(Linear(2, 1), Optimistic(0.0), Quadratic(), bound=limit)
+    variables = ActionSequence(horizon, Bounds(world.low.double(), world.high.double()))
+    return PlanningProblem(world, variables, terminal_value=lambda s: -th.einsum("bi,ij,bj->b", s, p, s))
 
 
 def solve(problem: PlanningProblem, planner: ILQR, starts: th.Tensor = STARTS) -> Plan:
@@ -105,10 +103,9 @@ def test_limits_are_respected_where_they_bind() -> None:
 
 
 def pendulum_problem(strategy: ExplorationStrategy, horizon: int = 5) -> PlanningProblem:
-    space = spaces.Box(-1.0, 1.0, (1 + strategy.hallucinated_dim(2),))
-    system = HallucinatedSystem(Uncertain(), strategy, PendulumTask(0.2), space)
-    variables = ActionSequence(horizon, Bounds(system.low.double(), system.high.double()))
-    return PlanningProblem(system, variables, terminal_value=lambda s: s[:, 1].pow(3) * s[:, 0].sin())
+    world = small_world(Uncertain(), strategy, PendulumTask(0.2))
+    variables = ActionSequence(horizon, Bounds(world.low.double(), world.high.double()))
+    return PlanningProblem(world, variables, terminal_value=lambda s: s[:, 1].pow(3) * s[:, 0].sin())
 
 
 @pytest.mark.parametrize("strategy", [Optimistic(), Bonus()], ids=["optimistic", "bonus"])
@@ -121,7 +118,7 @@ def test_derivatives_match_finite_differences(strategy: ExplorationStrategy) -> 
     dynamics, reward = expand_step(problem, state, value)
 
     def step(point: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
-        stepped = problem.system.step(point[:, :2], point[:, 2:], None)
+        stepped = problem.world.step(point[:, :2], point[:, 2:], None)
         return stepped.next_state, stepped.total_reward
 
     z, h = th.cat([state, value], dim=1), 1e-5
@@ -168,8 +165,8 @@ def test_a_step_on_which_the_model_diverges_is_not_taken() -> None:
             return th.where(action[:, 0] < -1.0, th.inf, reward)
 
     problem = regulator(limit=100.0)
-    system = HallucinatedSystem(Linear(2, 1), Optimistic(0.0), Cliff(), spaces.Box(-100.0, 100.0, (3,)))
-    plan = solve(PlanningProblem(system, problem.variables), ILQR(num_particles=0))
+    world = small_world(Linear(2, 1), Optimistic(0.0), Cliff(), bound=100.0)
+    plan = solve(PlanningProblem(world, problem.variables), ILQR(num_particles=0))
     assert th.isfinite(plan.returns).all()
     assert (plan.actions[..., 0] >= -1.0).all()
 
@@ -179,11 +176,9 @@ def test_what_cannot_be_differentiated_is_said() -> None:
         def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
             return (next_state[:, 0].cos() > 0.9).float()
 
-    space = spaces.Box(-1.0, 1.0, (3,))
-    sparse = HallucinatedSystem(TruePendulum(), Optimistic(), Sparse(), space)
-    true = HallucinatedSystem(TrueDynamics(2, 1, env=ENV_ID), Optimistic(), PendulumTask(), space)
-    for system, message in ((sparse, "differentiable reward"), (true, "differentiable dynamics")):
-        problem = PlanningProblem(system, ActionSequence(3, Bounds(system.low, system.high)))
+    sparse, true = small_world(task=Sparse()), small_world(TrueDynamics(2, 1, env=ENV_ID))
+    for world, message in ((sparse, "differentiable reward"), (true, "differentiable dynamics")):
+        problem = PlanningProblem(world, ActionSequence(3, Bounds(world.low, world.high)))
         with pytest.raises(ValueError, match=message):
             solve(problem, ILQR(), STARTS.float())
     with pytest.raises(ValueError, match="at least 1, 0 and 0"):

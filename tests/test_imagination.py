@@ -8,7 +8,7 @@ import pytest
 import torch as th
 from gymnasium import spaces
 
-from helpers import ENV_ID, TruePendulum, hanging_start, pendulum_dataset, random_actions
+from helpers import ENV_ID, TruePendulum, limits_of, pendulum_dataset, random_actions, small_world
 from sb3_hucrl import (
     Bonus,
     DynamicsModel,
@@ -18,18 +18,16 @@ from sb3_hucrl import (
     Prediction,
     ProbabilisticEnsemble,
     StartStates,
+    World,
 )
-from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.imagination import Limits, Trajectories
 from sb3_hucrl.tasks import PendulumTask
 
 
 def imagine(
     model: DynamicsModel, strategy: ExplorationStrategy, num_envs: int = 1, horizon: int = 400, seed: int = 0
-) -> Imagination:
-    action_dim = 1 + strategy.hallucinated_dim(2)
-    return Imagination(
-        model, strategy, PendulumTask(), hanging_start(), horizon, num_envs, spaces.Box(-1, 1, (action_dim,)), seed
-    )
+) -> Trajectories:
+    return small_world(model, strategy, horizon=horizon).trajectories(num_envs, seed)
 
 
 def real_trajectory(torques: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,11 +100,8 @@ def test_a_bonus_raises_the_reward_but_not_the_return() -> None:
 
 def test_uncertainty_beyond_the_limit_truncates() -> None:
     for limit, expected in ((th.tensor([1.0, 0.4]), True), (th.tensor([1.0, 0.6]), False)):
-        imagination = Imagination(
-            *(TruePendulum(epistemic_std=0.5), Greedy(), PendulumTask(), hanging_start()),
-            *(400, 2, spaces.Box(-1, 1, (1,)), 0),
-            max_epistemic_std=limit,
-        )
+        world = small_world(TruePendulum(epistemic_std=0.5), Greedy(), limits=Limits(max_epistemic_std=limit))
+        imagination = world.trajectories(2)
         imagination.reset()
         step = imagination.step(random_actions(2, 1))
         assert step.truncated.tolist() == [expected] * 2
@@ -121,9 +116,7 @@ def test_the_task_never_sees_the_hallucinated_action() -> None:
             seen.append(action.shape)
             return super().reward(state, action, next_state)
 
-    imagination = Imagination(
-        TruePendulum(), Optimistic(), Recorder(), hanging_start(), 5, 2, spaces.Box(-1, 1, (3,)), seed=0
-    )
+    imagination = small_world(task=Recorder()).trajectories(2)
     imagination.reset()
     imagination.step(np.ones((2, 3), dtype=np.float32))
     assert seen == [(2, 1)]
@@ -147,7 +140,7 @@ def test_seed_decides_everything() -> None:
         model = ProbabilisticEnsemble(2, 1, (0,), gradient_steps=5, generator=th.Generator().manual_seed(0))
         model.fit(dataset, th.Generator().manual_seed(0))
         starts = StartStates(dataset, PendulumTask())
-        imagination = Imagination(model, Optimistic(), PendulumTask(), starts, 50, 8, spaces.Box(-1, 1, (3,)), seed)
+        imagination = small_world(model, horizon=50, starts=starts).trajectories(8, seed)
         imagination.reset()
         for _ in range(5):
             step = imagination.step(np.zeros((8, 3), dtype=np.float32))
@@ -163,7 +156,14 @@ def test_bad_input_says_what_to_do() -> None:
     with pytest.raises(ValueError, match=r"predicts 3 state dimensions, PendulumTask has 2.*state_dim=2"):
         imagine(ProbabilisticEnsemble(3, 1), Greedy())
     with pytest.raises(ValueError, match=r"2 of the real action, and Optimistic .* needs 2 .*HallucinationWrapper"):
-        imagine(ProbabilisticEnsemble(2, 2), Optimistic())
+        World(
+            ProbabilisticEnsemble(2, 2),
+            Optimistic(),
+            PendulumTask(),
+            spaces.Box(-1, 1, (3,)),
+            400,
+            StartStates(pendulum_dataset(), PendulumTask()),
+        )
     with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
         imagine(TruePendulum(), Greedy()).step(np.zeros((1, 1), dtype=np.float32))
 
@@ -218,16 +218,9 @@ def test_an_exploding_model_is_held_near_the_data() -> None:
             return Prediction(3 * prediction.mean, prediction.epistemic_std, prediction.aleatoric_std)
 
     dataset = pendulum_dataset(100)
-    imagination = Imagination(
-        Explosive(),
-        Greedy(),
-        PendulumTask(),
-        StartStates(dataset, PendulumTask(), {"visited": 1}),
-        horizon=50,
-        num_envs=8,
-        action_space=spaces.Box(-1, 1, (1,)),
-        seed=0,
-    )
+    starts = StartStates(dataset, PendulumTask(), {"visited": 1})
+    limits = limits_of(dataset, PendulumTask())
+    imagination = small_world(Explosive(), Greedy(), horizon=50, starts=starts, limits=limits).trajectories(8)
     imagination.reset()
     for _ in range(20):
         step = imagination.step(np.zeros((8, 1), dtype=np.float32))

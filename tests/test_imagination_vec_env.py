@@ -1,5 +1,7 @@
 """SB3's VecEnv contract, in reality and in imagination."""
 
+from collections.abc import Callable
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -9,11 +11,11 @@ from gymnasium.utils.env_checker import check_env as gymnasium_check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
 
-from helpers import ENV_ID, TruePendulum, hanging_start, imagination_env, pendulum_dataset, random_actions
-from sb3_hucrl import ImaginationVecEnv, LearnedModelEnv, Optimistic, ProbabilisticEnsemble, StartStates
+from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, random_actions, small_world
+from sb3_hucrl import ImaginationVecEnv, LearnedModelEnv, ProbabilisticEnsemble, StartStates
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -25,7 +27,7 @@ def array(observations: VecEnvObs) -> np.ndarray:
 
 def dreaming(n_envs: int = 4, horizon: int = 5, task: PendulumTask | None = None, seed: int = 0) -> ImaginationVecEnv:
     env = imagination_env(n_envs)
-    env.imagine(TruePendulum(), Optimistic(), task or PendulumTask(), horizon, hanging_start(), seed)
+    env.imagine(small_world(task=task, horizon=horizon, seed=seed))
     return env
 
 
@@ -36,7 +38,7 @@ def test_real_by_default_and_again_after_imagination() -> None:
         for action in random_actions(20, 3).reshape(5, 4, 3):
             for ours, theirs in zip(env.step(action)[:3], plain.step(action)[:3], strict=True):
                 np.testing.assert_array_equal(ours, theirs)
-        env.imagine(TruePendulum(0.5), Optimistic(), PendulumTask(), 5, hanging_start())
+        env.imagine(small_world(TruePendulum(0.5), horizon=5))
         env.reset()
         env.step(np.zeros((4, 3), dtype=np.float32))
         env.real()
@@ -103,7 +105,7 @@ def test_seeding_repeats_imagination() -> None:
     model = ProbabilisticEnsemble(2, 1, (0,), gradient_steps=5)
     model.fit(dataset, th.Generator().manual_seed(0))
     env = imagination_env()
-    env.imagine(model, Optimistic(), PendulumTask(), 10, StartStates(dataset, PendulumTask()), seed=1)
+    env.imagine(small_world(model, horizon=10, starts=StartStates(dataset, PendulumTask())), seed=1)
     np.testing.assert_array_equal(run(env), run(env))
 
 
@@ -132,7 +134,7 @@ def test_works_over_processes() -> None:
     env = ImaginationVecEnv(make_vec_env(f"sb3_hucrl:{ENV_ID}", 2, vec_env_cls=SubprocVecEnv))
     env.reset()
     env.step(np.zeros((2, 3), dtype=np.float32))
-    env.imagine(TruePendulum(), Optimistic(), PendulumTask(), 5, hanging_start())
+    env.imagine(small_world(horizon=5))
     env.reset()
     assert array(env.step(np.zeros((2, 3), dtype=np.float32))[0]).shape == (2, 3)
     env.close()
@@ -145,15 +147,9 @@ def test_refuses_spaces_that_it_cannot_imagine() -> None:
 
 def learned_model_env(horizon: int = 20) -> LearnedModelEnv:
     bound = np.array([1, 1, 50], dtype=np.float32)
-    return LearnedModelEnv(
-        TruePendulum(epistemic_std=0.1),
-        Optimistic(),
-        PendulumTask(),
-        horizon,
-        StartStates(pendulum_dataset(100), PendulumTask(), {"visited": 1}),
-        spaces.Box(-bound, bound),
-        spaces.Box(-1, 1, (1,)),
-    )
+    starts = StartStates(pendulum_dataset(100), PendulumTask(), {"visited": 1})
+    world = small_world(TruePendulum(epistemic_std=0.1), horizon=horizon, starts=starts)
+    return LearnedModelEnv(world, spaces.Box(-bound, bound))
 
 
 def test_learned_model_env_passes_both_env_checks() -> None:
@@ -171,14 +167,14 @@ def test_learned_model_env_follows_its_seed_and_ends_at_its_horizon() -> None:
     assert ends == [(False, False)] * 5 + [(False, True)]
 
 
-def test_learned_model_env_refuses_a_model_of_another_environment() -> None:
-    with pytest.raises(ValueError, match="1 of the real action, and Optimistic on PendulumTask needs 2"):
-        LearnedModelEnv(
-            TruePendulum(),
-            Optimistic(),
-            PendulumTask(),
-            5,
-            hanging_start(),
-            spaces.Box(-1, 1, (3,)),
-            spaces.Box(-1, 1, (2,)),
-        )
+def test_a_world_of_other_actions_is_refused() -> None:
+    with pytest.raises(ValueError, match="make the world for these environments"):
+        imagination_env().imagine(small_world(bound=2.0))
+
+
+@pytest.mark.parametrize("wrapper", [VecNormalize, VecMonitor, lambda venv: VecFrameStack(venv, 2)])
+def test_vec_env_wrappers_inside_which_real_episodes_would_bypass_are_refused(
+    wrapper: Callable[[VecEnv], VecEnv],
+) -> None:
+    with pytest.raises(ValueError, match=r"real episodes bypass it: use gymnasium wrappers .* VecNormalize\(Imag"):
+        ImaginationVecEnv(wrapper(make_vec_env(ENV_ID, 2)))

@@ -11,7 +11,7 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.env_util import make_vec_env
 
-from helpers import small_callback, small_sac
+from helpers import limits_of, small_callback, small_sac, small_world
 from sb3_hucrl import (
     Greedy,
     HallucinationWrapper,
@@ -25,7 +25,7 @@ from sb3_hucrl import (
     Transitions,
 )
 from sb3_hucrl.dynamics.base import Predictor
-from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.imagination import Trajectories
 from sb3_hucrl.tasks import GymnasiumPendulumTask, LearnedReward, LearnedTask, ReacherTask, Task
 
 
@@ -59,9 +59,8 @@ def starts_at(state: list[float], task: Task) -> StartStates:
 
 def imagine(
     task: Task, model: Predictor, strategy: Greedy | Optimistic, start: list[float], num_envs: int = 2
-) -> Imagination:
-    box = spaces.Box(-1, 1, (model.action_dim + strategy.hallucinated_dim(task.hallucinated_dim),))
-    return Imagination(model, strategy, task, starts_at(start, task), 10, num_envs, box, seed=0)
+) -> Trajectories:
+    return small_world(model, strategy, task, 10, starts_at(start, task)).trajectories(num_envs)
 
 
 def test_outcomes_are_given_out_and_forgotten() -> None:
@@ -96,8 +95,8 @@ def test_a_reward_is_not_imagined_far_from_those_that_were_paid() -> None:
     dataset.append_episode(Transitions(states, th.zeros(2, 1), next_states, paid, th.zeros(2, dtype=th.bool)))
     for predicted, expected in ((100.0, 5.0), (-4.0, -4.0), (-100.0, -10.0)):
         starts = StartStates(dataset, task, {"initial": 1.0})
-        model, box = Recorder(2, outcomes=(predicted,)), spaces.Box(-1, 1, (1,))
-        imagination = Imagination(model, Greedy(), task, starts, 10, 2, box, seed=0)
+        model, limits = Recorder(2, outcomes=(predicted,)), limits_of(dataset, task)
+        imagination = small_world(model, Greedy(), task, 10, starts, limits=limits).trajectories(2)
         imagination.reset()
         np.testing.assert_allclose(imagination.step(np.zeros((2, 1), dtype=np.float32)).rewards, expected)
 
@@ -119,9 +118,7 @@ def test_context_reaches_the_policy_and_the_reward_but_not_the_model() -> None:
     dataset = TransitionDataset(task.width, 7)
     states = th.zeros(1, 17)
     dataset.append_episode(Transitions(states, th.zeros(1, 7), states, th.zeros(1), th.zeros(1, dtype=th.bool)))
-    imagination = Imagination(
-        model, Optimistic(), task, StartStates(dataset, task), 10, 6, spaces.Box(-1, 1, (21,)), seed=0
-    )
+    imagination = small_world(model, task=task, horizon=10, starts=StartStates(dataset, task)).trajectories(6)
     goals = imagination.reset()[:, -3:]
     # The dataset holds one goal only: the others are drawn as the environment draws them.
     assert len(np.unique(goals, axis=0)) == 6

@@ -9,13 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import torch as th
-from gymnasium import spaces
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from helpers import ENV_ID, TruePendulum
-from sb3_hucrl import HallucinationWrapper, Optimistic
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from helpers import ENV_ID, small_world
+from sb3_hucrl import HallucinationWrapper
 from sb3_hucrl.planning import (
     CEM,
     ICEM,
@@ -47,8 +45,8 @@ def make_env() -> gym.Env[Any, Any]:
 
 
 def policy(planner: Planner, horizon: int = 30) -> MPCPolicy:
-    system = HallucinatedSystem(TruePendulum(), Optimistic(), PendulumTask(0.0), spaces.Box(-1.0, 1.0, (3,)))
-    return MPCPolicy(PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high))), planner)
+    world = small_world(task=PendulumTask(0.0))
+    return MPCPolicy(PlanningProblem(world, ActionSequence(horizon, Bounds(world.low, world.high))), planner)
 
 
 class Nothing:

@@ -78,7 +78,7 @@ def test_the_m_step_ends_at_the_constrained_optimum() -> None:
     points, centre, width = (each.squeeze(-2).double() for each in (actions, old.mean, old.stddev))
 
     def negative_likelihood(mean: th.Tensor, std: th.Tensor) -> float:
-        return -(weights @ Normal(mean, std).log_prob(points).sum(dim=1)).item()
+        return -float(weights @ Normal(mean, std).log_prob(points).sum(dim=1))
 
     def divergence(mean: th.Tensor, std: th.Tensor) -> float:
         return kl_divergence(Normal(centre, width), Normal(mean, std)).sum().item()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 import torch as th
-from gymnasium import spaces
 
+from helpers import small_world
 from sb3_hucrl import Optimistic, Prediction, Task
 from sb3_hucrl.dynamics.base import Predictor
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import CEM, ActionSequence, Bounds, ImaginedReturns, PlanningProblem, TerminalValue
+from sb3_hucrl.imagination import TerminalValue
+from sb3_hucrl.planning import CEM, ActionSequence, Bounds, ImaginedReturns, PlanningProblem
 
 
 def generator() -> th.Generator:
@@ -38,8 +38,8 @@ class Mover(Predictor):
 def race_returns(
     states: list[float], horizon: int, gamma: float = 1.0, value: TerminalValue | None = None
 ) -> ImaginedReturns:
-    system = HallucinatedSystem(Mover(1, 1), Optimistic(beta=2.0), Race(), spaces.Box(-1.0, 1.0, (2,)))
-    problem = PlanningProblem(system, ActionSequence(horizon, Bounds(system.low, system.high)), gamma, value)
+    world = small_world(Mover(1, 1), Optimistic(beta=2.0), Race())
+    problem = PlanningProblem(world, ActionSequence(horizon, Bounds(world.low, world.high)), gamma, value)
     return ImaginedReturns(problem, th.tensor(states).unsqueeze(1), generator())
 
 

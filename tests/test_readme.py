@@ -21,7 +21,7 @@ def test_the_three_line_change_runs() -> None:
     model, env = namespace["model"], namespace["env"]
     assert model.hucrl.real_episodes == 3
     assert isinstance(env, ImaginationVecEnv)
-    assert env.imagination is None
+    assert env.trajectories is None
 
 
 def test_the_task_of_ones_own_is_a_task() -> None:

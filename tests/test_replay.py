@@ -12,7 +12,7 @@ from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 
 from helpers import imagination_env, small_callback, small_sac
 from sb3_hucrl import TransitionDataset, Transitions
-from sb3_hucrl.replay import MixedReplayBuffer, keep_latest, real_buffer
+from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.tasks import PendulumTask
 
 OBSERVATION = spaces.Box(-np.inf, np.inf, (1,))
@@ -112,8 +112,7 @@ def test_hallucinated_actions_of_real_transitions_are_clipped_normals() -> None:
 
 
 def test_a_batch_has_the_stated_share_of_real_transitions() -> None:
-    mixed = MixedReplayBuffer(counting_buffer(10), 0.25)
-    mixed.real = counting_buffer(5)
+    mixed = MixedReplayBuffer(counting_buffer(10), counting_buffer(5), 0.25)
     mixed.real.rewards[:] = -1.0
     rewards = mixed.sample(200).rewards
     assert int((rewards == -1.0).sum()) == 50

@@ -12,8 +12,8 @@ from figures import FIGURES
 from figures.experiment import Experiment
 from figures.trajectories import trajectories, transitions
 from helpers import TruePendulum, random_transitions
-from sb3_hucrl import TransitionDataset
-from sb3_hucrl.state import HUCRLState
+from sb3_hucrl import HUCRLState, TransitionDataset
+from sb3_hucrl.loop import ImaginedEpisode
 
 RUN = Run("sac", "HUCRL-Pendulum-v0", "optimistic", "ensemble", 0.1, "exploratory", 51)
 
@@ -38,7 +38,7 @@ def test_trajectories_come_back_from_their_csv(tmp_path: Path) -> None:
     dataset = TransitionDataset(2, 1)
     dataset.append_episode(first)
     dataset.append_episode(second)
-    state = HUCRLState(dataset, TruePendulum(), th.Generator(), imagined_episodes=[dream])
+    state = HUCRLState(dataset, TruePendulum(), th.Generator(), imagined_episodes=[ImaginedEpisode(2, dream)])
     path = tmp_path / "trajectories.csv.gz"
     trajectories(state).to_csv(path, index=False)
     rows = pd.read_csv(path)

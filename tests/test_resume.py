@@ -13,21 +13,13 @@ from typing import IO
 import pytest
 import torch as th
 from stable_baselines3 import SAC
-from stable_baselines3.common.base_class import BaseAlgorithm
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac
+from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import TransitionDataset
-from sb3_hucrl.checkpoint import save_atomically
 from sb3_hucrl.dynamics import FitReport, ProbabilisticEnsemble
-from sb3_hucrl.state import HUCRLState, get_state
+from sb3_hucrl.sb3 import save_atomically
 
 ROOT = Path(__file__).parents[1]
-
-
-def state_of(model: BaseAlgorithm) -> HUCRLState:
-    state = get_state(model)
-    assert state is not None
-    return state
 
 
 def test_killed_trainings_go_on_where_their_checkpoint_was() -> None:

@@ -13,7 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_hucrl.planning import SB3Policy
+from sb3_hucrl.sb3 import SB3Policy
 
 OFF_POLICY = [SAC, TD3, DDPG, TQC, CrossQ]
 ON_POLICY = [PPO, A2C, TRPO]

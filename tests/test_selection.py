@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 import torch as th
-from gymnasium import spaces
 
-from helpers import TruePendulum, hanging_start, small_sac
+from helpers import small_sac, small_world
 from sb3_hucrl import Greedy
-from sb3_hucrl.actors import Array
 from sb3_hucrl.envs.pendulum import PendulumEnv
-from sb3_hucrl.imagination import Imagination
-from sb3_hucrl.parameters import Parameters
-from sb3_hucrl.selection import choose_policy, imagined_return
+from sb3_hucrl.imagination import Array, BatchActor, Trajectories, imagined_return
+from sb3_hucrl.loop import choose_policy
+from sb3_hucrl.sb3 import Parameters, policy_actor
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -29,8 +27,8 @@ def full_torque(observations: Array, first: np.ndarray) -> Array:
     return np.ones((len(observations), 1), dtype=np.float32)
 
 
-def imagination(task: PendulumTask) -> Imagination:
-    return Imagination(TruePendulum(), Greedy(), task, hanging_start(), 50, 3, spaces.Box(-1.0, 1.0, (1,)), seed=0)
+def imagination(task: PendulumTask) -> Trajectories:
+    return small_world(strategy=Greedy(), task=task, horizon=50).trajectories(3)
 
 
 def test_imagined_return_is_the_real_one_when_the_model_is_the_truth() -> None:
@@ -49,13 +47,28 @@ def test_imagined_return_ends_with_the_task() -> None:
     assert abs(imagined_return(imagination(FallingOver()), full_torque) - real) < 1e-4
 
 
-class Search:
+class FirstWeight:
     """The first parameter stands for the policy, and the nearer it is to an optimum the better."""
 
     def __init__(self) -> None:
         self.model = small_sac()
         self.kept: Parameters | None = None
         self.weight = next(self.model.policy.parameters()).detach().flatten()
+
+    def actor(self, deterministic: bool) -> BatchActor:
+        return policy_actor(self.model, deterministic)
+
+    def planner(self, deterministic: bool) -> None:
+        return None
+
+    def parameters(self) -> Parameters:
+        return Parameters.of(self.model)
+
+    def restore(self, parameters: Parameters) -> None:
+        parameters.restore(self.model)
+
+    def diagnostics(self) -> dict[str, float]:
+        return {}
 
     def finds(self, value: float, optimum: float) -> float:
         """The policy that is chosen after a search found this value."""
@@ -65,17 +78,17 @@ class Search:
 
         with th.no_grad():
             self.weight[0] = value
-        self.kept, chosen = choose_policy(self.model, self.kept, evaluate)
+        self.kept, chosen = choose_policy(self, self.kept, evaluate)
         assert chosen == evaluate()
         return float(self.weight[0])
 
 
 def test_the_better_policy_stays_whichever_search_found_it() -> None:
-    search = Search()
+    search = FirstWeight()
     assert [search.finds(value, optimum=3.0) for value in (1.0, 5.5, 2.5, 0.0)] == [1.0, 1.0, 2.5, 2.5]
 
 
 def test_a_policy_that_the_newest_model_disappoints_is_given_up() -> None:
-    search = Search()
+    search = FirstWeight()
     assert search.finds(1.0, optimum=1.0) == 1.0
     assert search.finds(2.0, optimum=2.0) == 2.0

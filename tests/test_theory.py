@@ -16,7 +16,7 @@ import torch as th
 from helpers import TruePendulum, imagination_env, pendulum_dataset, small_callback, small_sac
 from sb3_hucrl import Prediction
 from sb3_hucrl.dynamics.gp import ExactGP
-from sb3_hucrl.state import get_state
+from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.theory import (
     LipschitzConstants,
     confidence_width,

@@ -7,7 +7,7 @@ import torch as th
 
 from helpers import TruePendulum, imagination_env, pendulum_dataset, small_callback, small_sac
 from sb3_hucrl.dynamics import Predictor
-from sb3_hucrl.uncertainty import epistemic_limit
+from sb3_hucrl.imagination import epistemic_limit
 
 
 class SampledPendulum(TruePendulum):

@@ -1,4 +1,4 @@
-"""Room for the hallucinated action on a real environment."""
+"""Extends the action space of a real environment by the hallucinated action."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ Array = npt.NDArray[np.float32]
 
 class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
-    Widens the action from a to (a, a′); the real environment never sees a′.
+    Extends the action from a to (a, a′). ``step`` passes only a to the real environment and stores a′ in
+    ``info["hallucinated_action"]``.
 
-    ``info["hallucinated_action"]`` keeps what was dropped.
-
-    :param env: continuous actions, vector observations
-    :param hallucinated_dim: dimensions of a′; by default those that the environment's registered task allows, and where
-        there is none, those of its observation
-    :raises ValueError: if the spaces are not of that kind
+    :param env: environment with continuous actions and vector observations
+    :param hallucinated_dim: number of dimensions of a′; by default that of the environment's registered task, or the
+        observation's dimension if no task is registered
+    :raises ValueError: if the environment has other spaces
     """
 
     def __init__(self, env: gym.Env[Any, Any], hallucinated_dim: int | None = None) -> None:

@@ -6,100 +6,89 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch as th
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from sb3_hucrl.dynamics.base import Predictor
-from sb3_hucrl.exploration import ExplorationStrategy
-from sb3_hucrl.imagination import Imagination
+from sb3_hucrl.imagination import Array, Trajectories, World
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
-from sb3_hucrl.starts import StartStates
-from sb3_hucrl.tasks.base import Task
 
 
 class ImaginationVecEnv(VecEnvWrapper):
     """
-    Passes everything through to the real environments, until :meth:`imagine` puts the learned model in their place.
+    Passes everything through to the real environments, until :meth:`imagine` puts a learned world in their place.
 
     In imagination one step is one batched model call for all environments. The end of the horizon is a truncation
     (``TimeLimit.truncated``), an end of the task a termination; both restart the trajectory, and the infos carry
     ``terminal_observation`` and ``episode`` as SB3 expects them.
 
     :param venv: real environments, wrapped in :class:`HallucinationWrapper` if the exploration strategy hallucinates
-    :raises ValueError: if actions are not bounded and continuous, or observations are not vectors
+    :raises ValueError: if actions are not bounded and continuous, observations are not vectors, or ``venv`` is wrapped
+        in another VecEnv wrapper
     """
 
     def __init__(self, venv: VecEnv) -> None:
+        if isinstance(venv, VecEnvWrapper):
+            raise ValueError(
+                f"{type(venv).__name__} lies inside ImaginationVecEnv, where real episodes bypass it: use gymnasium "
+                "wrappers around each environment instead (make_vec_env(..., wrapper_class=...)); VecNormalize goes "
+                "around ImaginationVecEnv: VecNormalize(ImaginationVecEnv(vec_env))"
+            )
         super().__init__(venv)
-        self._action_box = require_bounded_box(venv.action_space)
+        require_bounded_box(venv.action_space)
         require_vector_observation(venv.observation_space)
-        self._imagination: Imagination | None = None
-        self._actions = np.empty(0, dtype=np.float32)
+        self._trajectories: Trajectories | None = None
+        self._actions: Array = np.empty(0, dtype=np.float32)
 
     @property
-    def imagination(self) -> Imagination | None:
+    def trajectories(self) -> Trajectories | None:
         """The imagined trajectories, or None while the environments are the real ones."""
-        return self._imagination
+        return self._trajectories
 
-    def imagine(
-        self,
-        model: Predictor,
-        strategy: ExplorationStrategy,
-        task: Task,
-        horizon: int,
-        starts: StartStates,
-        seed: int = 0,
-        max_epistemic_std: th.Tensor | None = None,
-    ) -> Imagination:
+    def imagine(self, world: World, seed: int | None = None) -> None:
         """
         Switch into imagination; call ``reset()`` next.
 
-        :param model: the learned dynamics, or a sample of it
-        :param strategy: turns prediction and a′ into the next state
-        :param task: known reward, termination and observation
-        :param horizon: steps after which an imagined trajectory is truncated
-        :param starts: where imagined trajectories begin
-        :param seed: of the imagined noise and start states
-        :param max_epistemic_std: trajectories are truncated where any dimension is more uncertain than this, shape (p,)
-        :return: the imagined trajectories, with their statistics
-        :raises ValueError: if these do not fit together, or to the action space
+        :param world: to imagine
+        :param seed: of the noise and the start states; by default the world's own
+        :raises ValueError: if the world's actions are not those of the environments
         """
-        self._imagination = Imagination(
-            model, strategy, task, starts, horizon, self.num_envs, self._action_box, seed, max_epistemic_std
-        )
-        return self._imagination
+        if world.action_space != self.action_space:
+            raise ValueError(
+                f"the world's actions are {world.action_space}, those of the environments {self.action_space}: make "
+                "the world for these environments"
+            )
+        self._trajectories = world.trajectories(self.num_envs, seed)
 
     def real(self) -> None:
         """Switch back to the real environments; call ``reset()`` next."""
-        self._imagination = None
+        self._trajectories = None
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        if self._imagination is not None and seed is not None:
-            self._imagination.seed(seed)
+        if self._trajectories is not None and seed is not None:
+            self._trajectories.seed(seed)
         return super().seed(seed)
 
     def reset(self) -> VecEnvObs:
-        if self._imagination is None:
+        if self._trajectories is None:
             observations = self.venv.reset()
             self.reset_infos = self.venv.reset_infos
             return observations
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return self._imagination.reset()
+        return self._trajectories.reset()
 
     def step_async(self, actions: np.ndarray) -> None:
-        if self._imagination is None:
+        if self._trajectories is None:
             self.venv.step_async(actions)
         else:
             self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        imagination = self._imagination
-        if imagination is None:
+        trajectories = self._trajectories
+        if trajectories is None:
             results = self.venv.step_wait()
             self.reset_infos = self.venv.reset_infos
             return results
-        step = imagination.step(self._actions)
+        step = trajectories.step(self._actions)
         observations, dones = step.observations, step.terminated | step.truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         finished = np.flatnonzero(dones)
@@ -108,8 +97,20 @@ class ImaginationVecEnv(VecEnvWrapper):
                 infos[index] = {
                     "terminal_observation": observations[index],
                     "TimeLimit.truncated": bool(step.truncated[index] and not step.terminated[index]),
-                    "episode": {"r": float(imagination.returns[index]), "l": int(imagination.lengths[index])},
+                    "episode": {"r": float(trajectories.returns[index]), "l": int(trajectories.lengths[index])},
                 }
             observations = observations.copy()
-            observations[finished] = imagination.reset(finished)
+            observations[finished] = trajectories.reset(finished)
         return observations, step.rewards, dones, infos
+
+
+def imagination_layer(env: VecEnv) -> tuple[ImaginationVecEnv | None, list[VecEnvWrapper]]:
+    """
+    :param env: a stack of vectorised environments
+    :return: the ImaginationVecEnv in it, if there is one, and the wrappers above it
+    """
+    layer, above = env, []
+    while isinstance(layer, VecEnvWrapper) and not isinstance(layer, ImaginationVecEnv):
+        above.append(layer)
+        layer = layer.venv
+    return (layer if isinstance(layer, ImaginationVecEnv) else None), above

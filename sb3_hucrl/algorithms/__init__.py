@@ -1,4 +1,4 @@
-"""What SB3 has no algorithm for."""
+"""Policy searches and planning that SB3 has no algorithm for."""
 
 from sb3_hucrl.algorithms.hbptt import HBPTT
 from sb3_hucrl.algorithms.hmpc import HMPC

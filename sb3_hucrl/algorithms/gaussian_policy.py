@@ -21,7 +21,7 @@ INITIAL_STD, SMALLEST_STD = 0.5, 1e-3
 
 class GaussianActor(BasePolicy):
     """
-    Diagonal Gaussian over actions scaled to [-1, 1], with a mean inside and samples that are clipped.
+    Diagonal Gaussian over actions scaled to [-1, 1]: tanh mean, and samples clipped to [-1, 1].
 
     :param observation_space: of the environment
     :param action_space: of the environment
@@ -34,7 +34,7 @@ class GaussianActor(BasePolicy):
 
     def __init__(
         self,
-        observation_space: spaces.Space,
+        observation_space: spaces.Space[Any],
         action_space: spaces.Box,
         net_arch: list[int],
         features_extractor: nn.Module,
@@ -73,11 +73,11 @@ class GaussianActor(BasePolicy):
 
 class GaussianPolicy(TD3Policy):
     """
-    Networks as TD3 has them, actor and critics with their targets, but for a Gaussian actor.
+    TD3's networks (actor, critics and the targets of both) with a Gaussian actor.
 
     :param observation_space: of the environment
     :param action_space: of the environment
-    :param lr_schedule: learning rate by the share of the training that is left
+    :param lr_schedule: learning rate as a function of the remaining progress, from 1 to 0
     :param net_arch: widths of the hidden layers, or those of actor (``pi``) and critics (``qf``)
     :param kwargs: as :class:`stable_baselines3.td3.policies.TD3Policy` has them
     """
@@ -87,13 +87,13 @@ class GaussianPolicy(TD3Policy):
 
     def __init__(
         self,
-        observation_space: spaces.Space,
+        observation_space: spaces.Space[Any],
         action_space: spaces.Box,
         lr_schedule: Schedule,
         net_arch: list[int] | dict[str, list[int]] | None = None,
         **kwargs: Any,
     ) -> None:
-        # TD3's own are wider, and critics are asked for many actions per state.
+        # TD3's own are wider, and MPO evaluates its critics on many actions per state.
         super().__init__(observation_space, action_space, lr_schedule, net_arch or [256, 256], **kwargs)
 
     def make_actor(  # type: ignore[override]  # TD3's is another
@@ -102,4 +102,5 @@ class GaussianPolicy(TD3Policy):
         return GaussianActor(**self._update_features_extractor(self.actor_kwargs, features_extractor)).to(self.device)
 
     def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
-        return self.actor(observation, deterministic)
+        action: th.Tensor = self.actor(observation, deterministic)
+        return action

@@ -18,16 +18,17 @@ from torch.distributions import Normal, kl_divergence
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
-from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
+from sb3_hucrl.imagination import World
+from sb3_hucrl.seeding import seeded_generator
 
 
 @dataclass(frozen=True)
 class Performance:
     """
-    Of a policy in B imagined trajectories.
+    Performance of a policy in B imagined trajectories.
 
-    :param value: discounted rewards and entropies, and the critic's word on what follows, mean over trajectories
+    :param value: discounted rewards and entropies plus the terminal critic value, mean over trajectories
     :param divergence: from the last policy, sum over the N steps, mean over trajectories
     :param first_log_prob: of each first action, shape (B,)
     """
@@ -39,19 +40,20 @@ class Performance:
 
 class HBPTT(SAC):
     """
-    H-BPTT (Algorithm 4): the gradient of the imagined return goes back through model, reward and policy, N steps that
-    a critic prolongs. If asked to, a divergence from the policy of the last search holds the new one back.
+    H-BPTT (Algorithm 4): the policy follows the gradient of the imagined return through model, reward and policy. The
+    return is that of N model steps plus a terminal critic value. A penalty on the divergence from the last search's
+    policy is optional.
 
-    Policy, critics and entropy bonus are SAC's: an action at its limit passes no gradient on, and the entropy keeps the
-    policy away from there.
+    Policy, critics and entropy bonus are SAC's: an action at its limit passes no gradient, and the entropy keeps the
+    policy away from the limits.
 
     Needs :class:`sb3_hucrl.HUCRLCallback`, a model and a task that are differentiable, and no VecNormalize.
 
     :param policy: ``"MlpPolicy"``
-    :param env: around which is an ImaginationVecEnv
+    :param env: wrapped in an ImaginationVecEnv
     :param horizon: N
-    :param kl_weight: λ, price of a nat of divergence from the last policy, at each step; by default nothing
-    :param policy_delay: steps of the critics for one of the policy, which takes many times as long
+    :param kl_weight: λ, weight of the divergence from the last policy at each step, per nat; 0 for none
+    :param policy_delay: gradient steps of the critics for one of the policy, which takes many times as long
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param kwargs: of SAC
     :raises ValueError: if a number is out of its range, or with gSDE
@@ -80,16 +82,16 @@ class HBPTT(SAC):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
+        self._generator = seeded_generator(self.seed, self.device)
         self._last_actor = deepcopy(self.actor).requires_grad_(False)
-        self._last_system: HallucinatedSystem | None = None
+        self._last_world: World | None = None
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
-        system = imagined_system(self)
-        if system is not self._last_system:
-            # A new search begins: what the last one ended with is what to stay close to.
+        world = imagined_world(self)
+        if world is not self._last_world:
+            # A new search begins: it stays close to the policy that the last one ended with.
             self._last_actor.load_state_dict(self.actor.state_dict())
-            self._last_system = system
+            self._last_world = world
         self.policy.set_training_mode(True)
         optimizers = [self.actor.optimizer, self.critic.optimizer]
         if self.ent_coef_optimizer is not None:
@@ -146,7 +148,7 @@ class HBPTT(SAC):
 
         :param observations: of B start states, shape (B, observation dimension)
         """
-        system, ent_coef = imagined_system(self), self._ent_coef()
+        world, ent_coef = imagined_world(self), self._ent_coef()
         log_probs: list[th.Tensor] = []
         divergences: list[th.Tensor] = []
 
@@ -165,7 +167,7 @@ class HBPTT(SAC):
             actions, log_prob = self.actor.action_log_prob(reached)
             return th.cat(self.critic(reached, actions), dim=1).amin(dim=1) - ent_coef * log_prob
 
-        rollout = imagine(system, observations, act, self.horizon, self.gamma, self._generator, value)
+        rollout = imagine(world, observations, act, self.horizon, self.gamma, self._generator, value)
         surprise = sum(discount * each for discount, each in zip(rollout.discounts, log_probs, strict=False))
         return Performance(
             value=(rollout.returns - ent_coef * surprise).mean(),
@@ -174,4 +176,4 @@ class HBPTT(SAC):
         )
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_last_actor", "_last_system", "_generator"]
+        return [*super()._excluded_save_params(), "_last_actor", "_last_world", "_generator"]

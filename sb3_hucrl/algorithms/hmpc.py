@@ -1,4 +1,4 @@
-"""H-MPC as an SB3 algorithm, for those who want to plan and not to search a policy."""
+"""H-MPC as an SB3 algorithm: planning without a policy."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, PyTorchObs
 from typing_extensions import Self
 
-from sb3_hucrl.planning import MPCPolicy, PlanningRecipe
-from sb3_hucrl.spaces import require_bounded_box
-from sb3_hucrl.state import get_state
+from sb3_hucrl.imagination import Learned, WorldRecipe
+from sb3_hucrl.planning import MPCPolicy, PlanningSettings
 
 
 class NoPolicy(BasePolicy):
-    """Has no parameters: actions are planned."""
+    """Stands where SB3 expects a policy: it has no parameters, since actions are planned."""
 
     def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
         raise NotImplementedError("H-MPC has no policy: call predict() of the algorithm")
@@ -29,11 +28,11 @@ class HMPC(BaseAlgorithm):
     H-MPC (appendix C.2): every action is planned in the dynamics model that :class:`sb3_hucrl.HUCRLCallback` learns,
     with the planner that the callback names.
 
-    There is no policy to search, so a timestep stands for a whole search, an empty one: ``learn(9)`` plays the
-    callback's initial real episodes and nine times its ``real_episodes``.
+    There is no policy to search, so one timestep stands for one (empty) search: ``learn(9)`` plays the callback's
+    initial real episodes and nine times its ``real_episodes``.
 
     :param policy: ``"NoPolicy"``
-    :param env: around which is an ImaginationVecEnv; one is enough
+    :param env: wrapped in an ImaginationVecEnv; one environment is enough
     :param stats_window_size: as in all of SB3's algorithms
     :param tensorboard_log: folder for TensorBoard
     :param verbose: 1 prints what is logged
@@ -67,16 +66,20 @@ class HMPC(BaseAlgorithm):
             device=device,
             support_multi_env=True,
         )
-        #: how to plan, once a callback has said so
-        self.recipe: PlanningRecipe | None = None
-        #: at work on the latest model; a loaded algorithm makes it anew
+        #: what to plan and how, once a callback has set it
+        self.planning: PlanningSettings | None = None
+        #: makes the world to plan in
+        self.recipe: WorldRecipe | None = None
+        #: what a callback has learned
+        self.hucrl: Learned | None = None
+        #: plans in the latest world; a loaded algorithm makes it again
         self.planner: MPCPolicy | None = None
         if _init_setup_model:
             self._setup_model()
 
     def _setup_model(self) -> None:
         if self.get_vec_normalize_env() is not None:
-            raise ValueError("H-MPC plans with true observations and rewards: use no VecNormalize (normalize: false)")
+            raise ValueError("H-MPC needs observations and rewards as they are: use no VecNormalize (normalize: false)")
         self.set_random_seed(self.seed)
         self.policy = self.policy_class(self.observation_space, self.action_space).to(self.device)
 
@@ -93,7 +96,7 @@ class HMPC(BaseAlgorithm):
         progress_bar: bool = False,
     ) -> Self:
         """
-        :param total_timesteps: how often real episodes are played, after the first random ones
+        :param total_timesteps: number of rounds of real episodes after the first random ones
         :param callback: with a :class:`sb3_hucrl.HUCRLCallback` that names a planner
         :param log_interval: not needed: the callback logs every real episode
         :param tb_log_name: of the run in TensorBoard
@@ -105,7 +108,7 @@ class HMPC(BaseAlgorithm):
             total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
         )
         callbacks.on_training_start(locals(), globals())
-        if self.recipe is None:
+        if self.planning is None:
             raise ValueError("H-MPC learns nothing by itself: give learn() callback=HUCRLCallback(planner='icem')")
         while self.num_timesteps < total_timesteps and self._count(callbacks):
             pass
@@ -138,11 +141,12 @@ class HMPC(BaseAlgorithm):
         return self.planner.predict(observation, state, episode_start, deterministic)
 
     def _make_planner(self) -> MPCPolicy:
-        learned = get_state(self)
-        if learned is None or self.recipe is None:
-            raise RuntimeError("H-MPC has no dynamics model to plan with yet: call learn() first")
-        predictor = self.recipe.strategy.begin_search(
-            learned.dynamics.to(self.device), self.recipe.settings.rollouts, learned.real_episodes, learned.generator
-        )
-        box = require_bounded_box(self.action_space)
-        return self.recipe.build(predictor, box, self, learned.draw_seed())
+        learned, recipe, planning = self.hucrl, self.recipe, self.planning
+        if learned is None or recipe is None or planning is None:
+            raise RuntimeError(
+                "H-MPC has no dynamics model and settings to plan with: call learn() with a HUCRLCallback first (files "
+                "of version 0.1 hold the model alone, and learn() goes on with it)"
+            )
+        learned.dynamics.to(self.device)
+        world = recipe.world(learned, recipe.starts(learned), planning.rollouts)
+        return planning.build(world, None, learned.draw_seed())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch as th
 from gymnasium import spaces
@@ -13,13 +13,14 @@ from torch import nn
 from torch.distributions import Normal
 
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
-from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
 from sb3_hucrl.algorithms.mpo import MPO
+from sb3_hucrl.seeding import seeded_generator
 
 
 class ValueCritic(BaseModel):
     """
-    V(s), as often as asked for, where SB3 expects Q(s, a).
+    State values V(s), in the place of SB3's critics Q(s, a).
 
     :param observation_space: of the environment
     :param action_space: of the environment
@@ -28,13 +29,13 @@ class ValueCritic(BaseModel):
     :param features_dim: number of features
     :param activation_fn: between layers
     :param normalize_images: whether to scale images
-    :param n_critics: how many
-    :param share_features_extractor: whether the actor trains the features extractor alone
+    :param n_critics: number of critics
+    :param share_features_extractor: whether only the actor trains the features extractor
     """
 
     def __init__(
         self,
-        observation_space: spaces.Space,
+        observation_space: spaces.Space[Any],
         action_space: spaces.Box,
         net_arch: list[int],
         features_extractor: BaseFeaturesExtractor,
@@ -60,7 +61,7 @@ class ValueCritic(BaseModel):
 
 
 class GaussianValuePolicy(GaussianPolicy):
-    """Its critics see no actions."""
+    """Gaussian actor with critics that see no actions."""
 
     def make_critic(  # type: ignore[override]  # TD3's see actions
         self, features_extractor: BaseFeaturesExtractor | None = None
@@ -70,9 +71,9 @@ class GaussianValuePolicy(GaussianPolicy):
 
 class HMPO(MPO):
     """
-    MPO as the paper's experiments have it: only a value function is learned, and what an action is worth is found by
-    one imagined step, Q(s, (a, a′)) = r(s, a) + γ V(s′) (appendix B.1). Rewards and next states that were replayed do
-    not count.
+    MPO as in the paper's experiments: only a value function is learned, and the value of an action comes from one
+    imagined step, Q(s, (a, a′)) = r(s, a) + γ V(s′) (appendix B.1). Of the replayed transitions only the states are
+    used.
 
     Needs :class:`sb3_hucrl.HUCRLCallback` and no VecNormalize. Constructed as :class:`sb3_hucrl.algorithms.MPO`.
     """
@@ -81,7 +82,7 @@ class HMPO(MPO):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
+        self._generator = seeded_generator(self.seed, self.device)
 
     def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
         return self._sample_values(data.observations)[2].mean(dim=0).unsqueeze(1)
@@ -93,7 +94,7 @@ class HMPO(MPO):
         actions = old.sample(th.Size([self.num_samples]))
         repeated = observations.expand(self.num_samples, *observations.shape).flatten(0, 1)
         step = imagine(
-            imagined_system(self),
+            imagined_world(self),
             repeated,
             actor,
             1,

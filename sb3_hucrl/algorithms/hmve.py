@@ -11,26 +11,28 @@ from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 
-from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_system
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
+from sb3_hucrl.seeding import seeded_generator
 
-#: of a horizon's variance, so that one that is certain by chance does not count alone
+#: added to the variance of a horizon's target, so that one that is certain by chance does not get all the weight
 SMALLEST_VARIANCE = 1e-8
 
 
 class ExpandedReplayBuffer(ReplayBuffer):
     """
-    Deals out the transitions of one training.
+    The batches of one call of ``train``, expanded beforehand. Its own storage is one empty row.
 
-    :param expanded: those of all its batches
-    :param num_batches: how many these are
+    :param like: the algorithm's own buffer, which gives spaces and device
+    :param expanded: transitions of all batches
+    :param num_batches: number of batches
     """
 
-    def __init__(self, expanded: ReplayBufferSamples, num_batches: int) -> None:
-        # Not initialised as a buffer: it stores nothing else.
+    def __init__(self, like: ReplayBuffer, expanded: ReplayBufferSamples, num_batches: int) -> None:
+        super().__init__(1, like.observation_space, like.action_space, like.device)
         self._expanded, self._num_batches, self._dealt = expanded, num_batches, 0
 
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
-        # One by one, so that every batch has its share of the real transitions that come first.
+        # Every n-th row, so that each batch gets its part of the real transitions, which come first.
         rows = slice(self._dealt, None, self._num_batches)
         self._dealt += 1
         return ReplayBufferSamples(*(each[rows] for each in self._expanded if each is not None))
@@ -38,18 +40,18 @@ class ExpandedReplayBuffer(ReplayBuffer):
 
 class HMVE(SAC):
     """
-    H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps and the critics' target after them. What SAC
-    replays are states of the hallucinated data, or, with ``real_data_fraction: 1``, of real ones alone.
+    H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps plus the target critics' value after them. These
+    steps begin in states of SAC's replay buffer: imagined ones, or with ``real_data_fraction: 1`` only real ones.
 
-    As in SB3's replay of several steps, the entropy of the steps in between counts nothing. All gradient steps of a
-    training imagine in one batched call, with the policy that the training begins with.
+    As in SB3's n-step replay, the entropy of the steps in between is left out. All gradient steps of one call of
+    ``train`` imagine in one batched call, with the policy at its beginning.
 
     :param policy: ``"MlpPolicy"``
-    :param env: around which is an ImaginationVecEnv
+    :param env: wrapped in an ImaginationVecEnv
     :param horizon: N
-    :param weighting: ``"none"`` expands by N steps; ``"steve"`` by 1 to N, each as often as its target is certain: by
-        the inverse of its variance over critics and rollouts (Buckman et al. 2018)
-    :param num_rollouts: imagined from each state to estimate that variance
+    :param weighting: ``"none"`` expands by N steps; ``"steve"`` by 1 to N, each with a probability proportional to the
+        inverse variance of its target over critics and rollouts (Buckman et al. 2018)
+    :param num_rollouts: rollouts from each state that estimate this variance
     :param kwargs: of SAC
     :raises ValueError: if a number is below 1 or the weighting unknown
     """
@@ -72,13 +74,13 @@ class HMVE(SAC):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self._generator = th.Generator(self.device).manual_seed(self.seed or 0)
+        self._generator = seeded_generator(self.seed, self.device)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         original = self.replay_buffer
         assert original is not None  # set up
         expanded = self.expand(original.sample(gradient_steps * batch_size))
-        self.replay_buffer = ExpandedReplayBuffer(expanded, gradient_steps)
+        self.replay_buffer = ExpandedReplayBuffer(original, expanded, gradient_steps)
         try:
             super().train(gradient_steps, batch_size)
         finally:
@@ -96,11 +98,11 @@ class HMVE(SAC):
         steve = self.weighting == "steve"
         count = self.num_rollouts if steve else 1
         observations, actions = (each.repeat_interleave(count, dim=0) for each in (data.observations, data.actions))
-        system = imagined_system(self)
+        world = imagined_world(self)
         rollout = imagine(
-            system, observations, self._sample, self.horizon, self.gamma, self._generator, first_actions=actions
+            world, observations, self._sample, self.horizon, self.gamma, self._generator, first_actions=actions
         )
-        observed = th.stack([system.task.observe(state) for state in rollout.states[1:]])
+        observed = th.stack([world.task.observe(state) for state in rollout.states[1:]])
         discounts, rewards = th.stack(rollout.discounts[1:]), th.stack(rollout.rewards).cumsum(dim=0)
         lengths = th.full((len(data.actions),), self.horizon - 1, device=self.device)
         if steve:
@@ -114,11 +116,12 @@ class HMVE(SAC):
         )
 
     def _sample(self, observations: th.Tensor) -> th.Tensor:
-        return self.actor(observations)
+        actions: th.Tensor = self.actor(observations)
+        return actions
 
     def _certain_lengths(self, observed: th.Tensor, discounts: th.Tensor, rewards: th.Tensor, count: int) -> th.Tensor:
         """
-        Draw for each of B states how far to expand it. The mean over the draws is STEVE's weighted target.
+        Draw the number of steps to expand each of B states by. The mean over the draws is STEVE's weighted target.
 
         :param observed: after 1 to N steps, shape (N, B · count, observation dimension)
         :param discounts: of what follows them, shape (N, B · count)

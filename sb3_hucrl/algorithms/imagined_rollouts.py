@@ -1,4 +1,4 @@
-"""A policy's trajectories in the system that its environment imagines, for algorithms that look inside."""
+"""Differentiable rollouts of an SB3 policy in the world that its environment imagines."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ from collections.abc import Callable
 import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning import ActionSequence, Bounds, PlanningProblem, TerminalValue
-from sb3_hucrl.planning.rollouts import Rollout, roll_out
-from sb3_hucrl.stack import find_imagination
+from sb3_hucrl.imagination import Rollout, TerminalValue, World, roll_out
+from sb3_hucrl.planning import Bounds
+from sb3_hucrl.wrappers.imagination import imagination_layer
 
 #: maps observations (B, observation dimension) to actions scaled to [-1, 1], (B, q + h)
 ScaledActor = Callable[[th.Tensor], th.Tensor]
 
 
-def imagined_system(model: BaseAlgorithm) -> HallucinatedSystem:
+def imagined_world(model: BaseAlgorithm) -> World:
     """
     :param model: SB3 algorithm
-    :return: the hallucinated system that it trains in
+    :return: the world that it trains in
     :raises ValueError: if it does not train in imagination, or sees other observations than the model predicts
     """
     env = model.get_env()
@@ -27,14 +26,17 @@ def imagined_system(model: BaseAlgorithm) -> HallucinatedSystem:
     name = type(model).__name__
     if model.get_vec_normalize_env() is not None:
         raise ValueError(f"{name} needs observations and rewards as they are: use no VecNormalize (normalize: false)")
-    imagination = find_imagination(env).imagination
-    if imagination is None:
-        raise ValueError(f"{name} searches in imagination only: give learn() callback=HUCRLCallback()")
-    return imagination.system
+    layer, _ = imagination_layer(env)
+    if layer is None or layer.trajectories is None:
+        raise ValueError(
+            f"{name} searches in imagination only: put ImaginationVecEnv around the environments, and give learn() "
+            "callback=HUCRLCallback()"
+        )
+    return layer.trajectories.world
 
 
 def imagine(
-    system: HallucinatedSystem,
+    world: World,
     observations: th.Tensor,
     act: ScaledActor,
     horizon: int,
@@ -46,20 +48,22 @@ def imagine(
     """
     Differentiable in whatever the policy depends on, where model and task are.
 
-    :param system: in which to act
+    :param world: to act in
     :param observations: where trajectories begin, shape (B, observation dimension)
     :param act: the policy
     :param horizon: N
     :param gamma: γ
-    :param generator: draws the noise, on the system's device; None for none
+    :param generator: draws the noise, on the world's device; None for no noise
     :param terminal_value: of the observation after N steps, if any
     :param first_actions: taken in the first step instead of the policy's, scaled, shape (B, q + h)
     """
-    bounds = Bounds(system.low, system.high)
+    bounds = Bounds(world.low, world.high)
 
     def choose(n: int, state: th.Tensor) -> th.Tensor:
-        scaled = act(system.task.observe(state)) if n or first_actions is None else first_actions
+        return act(world.task.observe(state)) if n or first_actions is None else first_actions
+
+    def in_env_units(scaled: th.Tensor, state: th.Tensor) -> th.Tensor:
         return bounds.unscaled(scaled)
 
-    problem = PlanningProblem(system, ActionSequence(horizon, bounds), gamma, terminal_value)
-    return roll_out(problem, system.task.state(observations), choose, generator)
+    start = world.task.state(observations)
+    return roll_out(world, start, choose, in_env_units, horizon, gamma, generator, terminal_value)

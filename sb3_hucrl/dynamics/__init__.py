@@ -1,8 +1,7 @@
-"""Learned dynamics models, chosen by name."""
+"""Dynamics models, chosen by name."""
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,10 +9,11 @@ import torch as th
 
 from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction, Predictor
 from sb3_hucrl.dynamics.ensemble import DeterministicEnsemble, ProbabilisticEnsemble
+from sb3_hucrl.registry import Registry
 
 __all__ = [
     "DYNAMICS",
-    "NOT_LEARNED",
+    "LEARNED",
     "DeterministicEnsemble",
     "DynamicsModel",
     "FitReport",
@@ -24,27 +24,29 @@ __all__ = [
     "require_known",
 ]
 
-#: where each model lives; GPyTorch is imported only for the models that need it
-DYNAMICS = {
-    "ensemble": "sb3_hucrl.dynamics.ensemble:ProbabilisticEnsemble",
-    "deterministic_ensemble": "sb3_hucrl.dynamics.ensemble:DeterministicEnsemble",
-    "gp": "sb3_hucrl.dynamics.gp:ExactGP",
-    "sparse_gp": "sb3_hucrl.dynamics.sparse_gp:SparseGP",
-    "rff": "sb3_hucrl.dynamics.features:RandomFourierModel",
-    "qff": "sb3_hucrl.dynamics.features:QuadratureFourierModel",
-}
-#: what is no model at all, and takes a model's place to find out what a search can do
-NOT_LEARNED = {"truth": "sb3_hucrl.dynamics.truth:TrueDynamics"}
+#: dynamics models by name; GPyTorch is imported only for the models that need it
+DYNAMICS: Registry[DynamicsModel] = Registry(
+    "dynamics",
+    {
+        "ensemble": ProbabilisticEnsemble,
+        "deterministic_ensemble": DeterministicEnsemble,
+        "gp": "sb3_hucrl.dynamics.gp:ExactGP",
+        "sparse_gp": "sb3_hucrl.dynamics.sparse_gp:SparseGP",
+        "rff": "sb3_hucrl.dynamics.features:RandomFourierModel",
+        "qff": "sb3_hucrl.dynamics.features:QuadratureFourierModel",
+        "truth": "sb3_hucrl.dynamics.truth:TrueDynamics",
+    },
+)
+#: the built-in models that learn; ``"truth"`` steps the environment instead, to show what a policy search can reach
+LEARNED = tuple(name for name in DYNAMICS if name != "truth")
 
 
 def require_known(name: str) -> None:
     """
-    :param name: of a model
-    :raises ValueError: unless it is a key of :data:`DYNAMICS` or :data:`NOT_LEARNED`
+    :param name: of a dynamics model
+    :raises ValueError: unless it is registered in :data:`DYNAMICS`
     """
-    known = DYNAMICS | NOT_LEARNED
-    if name not in known:
-        raise ValueError(f"unknown dynamics {name!r}: choose one of {sorted(known)}")
+    DYNAMICS.require(name)
 
 
 def make_dynamics(
@@ -56,18 +58,14 @@ def make_dynamics(
     **kwargs: Any,
 ) -> DynamicsModel:
     """
-    Build a model by its name.
+    Build a dynamics model by name.
 
-    :param name: a key of :data:`DYNAMICS` or :data:`NOT_LEARNED`
+    :param name: registered in :data:`DYNAMICS`
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
     :param angle_dims: indices of the state's angles
-    :param generator: draws what is random about an unfitted model
+    :param generator: draws the initial parameters
     :param kwargs: further arguments of the model's class
-    :raises ValueError: if the name is unknown
+    :raises ValueError: if the name is unknown or an argument is out of range
     """
-    require_known(name)
-    model: DynamicsModel = pkgutil.resolve_name((DYNAMICS | NOT_LEARNED)[name])(
-        state_dim, action_dim, angle_dims, generator=generator, **kwargs
-    )
-    return model
+    return DYNAMICS.make(name, state_dim, action_dim, angle_dims, generator=generator, **kwargs)

@@ -1,4 +1,4 @@
-"""What every dynamics model offers, whatever it is made of."""
+"""The interface of all dynamics models."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from sb3_hucrl.dynamics.calibration import Calibration
 @dataclass(frozen=True)
 class Prediction:
     """
-    Distribution of the next state, elementwise, in state units.
+    Elementwise distribution of the next state, in state units.
 
     :param mean: μ(s, a), shape (B, p)
-    :param epistemic_std: diagonal of Σ(s, a): what more data would remove, shape (B, p)
+    :param epistemic_std: diagonal of Σ(s, a), the uncertainty that more data would remove, shape (B, p)
     :param aleatoric_std: standard deviation of the noise ω, shape (B, p)
     """
 
@@ -29,19 +29,19 @@ class Prediction:
 
     @property
     def predictive_std(self) -> th.Tensor:
-        """Epistemic and aleatoric together, shape (B, p)."""
+        """Epistemic and aleatoric standard deviation combined, shape (B, p)."""
         return th.hypot(self.epistemic_std, self.aleatoric_std)
 
 
 @dataclass(frozen=True)
 class FitReport:
     """
-    How a fit went.
+    The result of a fit.
 
-    :param train_loss: what the fit minimised, at its end
-    :param num_train: transitions that were learned from
+    :param train_loss: final training loss
+    :param num_train: number of training transitions
     :param holdout_nll: negative log-likelihood per held-out transition, in nats, next state in state units
-    :param calibration: of the held-out transitions
+    :param calibration: on the held-out transitions
     """
 
     train_loss: float
@@ -52,7 +52,7 @@ class FitReport:
 
 class Predictor(nn.Module, ABC):
     """
-    Anything that predicts s_{n+1} = f(s_n, a_n) + ω_n: all that imagination needs.
+    Predicts s_{n+1} = f(s_n, a_n) + ω_n. Imagination needs nothing else.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
@@ -65,22 +65,22 @@ class Predictor(nn.Module, ABC):
 
     @property
     def device(self) -> th.device:
-        """Where states and actions are expected."""
+        """The device of the parameters, which states and actions must share."""
         return next(chain(self.parameters(), self.buffers()), th.zeros(0)).device
 
     @abstractmethod
     def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
         """
         :param state: shape (B, p)
-        :param action: without its hallucinated part, in the units of the environment, shape (B, q)
+        :param action: without a′, in the units of the environment, shape (B, q)
         """
 
 
 class DynamicsModel(Predictor):
     """
-    A predictor that learns from real transitions, differentiable in state and action.
+    A predictor that learns from real transitions and is differentiable in state and action.
 
-    Normalisation, state differences and input encodings stay inside.
+    Normalisation, state differences and input encodings are internal to the model.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
@@ -89,52 +89,52 @@ class DynamicsModel(Predictor):
     @abstractmethod
     def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:
         """
-        Learn from all training transitions of the dataset, starting from what was learned before.
+        Learn from all training transitions of the dataset. Models with weights continue from their current ones.
 
-        :param dataset: its dimensions are the model's
-        :param generator: the source of all randomness of the fit, on the CPU
+        :param dataset: has the state and action dimensions of the model
+        :param generator: source of all randomness in the fit, on the CPU
         :raises ValueError: if there is too little data or the fit diverges
         """
 
     def sample_posterior(self, generator: th.Generator, num_samples: int = 1) -> Predictor:
         """
-        Draw functions from what the data leave possible. A sample is sure of itself: its epistemic standard deviation
-        is 0. It lives until the next fit.
+        Draw functions from the posterior. The epistemic standard deviation of a sample is 0. A sample is valid until
+        the next fit.
 
-        :param generator: draws them, on the CPU
-        :param num_samples: number of functions; row i of a batch is predicted by number i modulo ``num_samples``
-        :raises ValueError: if this model has no samples
+        :param generator: draws the samples, on the CPU
+        :param num_samples: number of functions; function i modulo ``num_samples`` predicts row i of a batch
+        :raises ValueError: if the model cannot draw samples
         """
         raise ValueError(
             f"{type(self).__name__} has no posterior samples, which Thompson sampling and the propagations 'ts1' and "
-            "'tsinf' draw: use a model that has, or another exploration"
+            "'tsinf' need: use another dynamics model or another exploration"
         )
-
-    def information_gain(self) -> float | None:
-        """
-        :return: I(y; f) of equation (63), summed over outputs, in nats; None if this model is not a Gaussian process
-        """
-        return None
 
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         """
         β_t = B + 4σ √(I(y; f) + 1 + ln(1/δ)) of Lemmas 10 and 11, in units of this model's epistemic std.
 
-        :param delta: δ, probability with which the confidence region may be wrong
+        :param delta: δ, probability that the confidence region is wrong
         :param norm_bound: B, bound on the RKHS norm of the true (standardised) dynamics
-        :raises ValueError: if this model is not a Gaussian process
+        :raises ValueError: unless the model is a Gaussian process or has Fourier features
         """
         raise ValueError(
             f"beta 'theory' needs a Gaussian process or Fourier features, not {type(self).__name__}: give beta a number"
         )
 
+    def diagnostics(self) -> dict[str, float]:
+        """
+        :return: values to log after each refit, by name
+        """
+        return {}
+
 
 class Resampled(Predictor):
     """
-    A new posterior sample for every row and every step: TS1 propagation (Chua et al. 2018).
+    Draws a new posterior sample for every row at every step: TS1 propagation (Chua et al. 2018).
 
-    :param model: draws the samples
-    :param generator: of the draws, on the CPU
+    :param model: model to sample from
+    :param generator: draws the samples, on the CPU
     """
 
     def __init__(self, model: DynamicsModel, generator: th.Generator) -> None:

@@ -1,4 +1,4 @@
-"""How well predicted uncertainty matches the errors that are made, and its repair."""
+"""Calibration of predicted uncertainty, and recalibration."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import torch as th
 #: confidence levels at which coverage is measured
 LEVELS = th.linspace(0.05, 0.95, 19)
 
-#: standard deviations are stretched or shrunk by at most this factor
+#: recalibration multiplies or divides standard deviations by at most this factor
 MAX_SCALE = 100.0
 
-#: with fewer held-out transitions than this a scale would fit their noise
+#: with fewer held-out transitions, a scale would fit their noise
 MIN_HOLDOUT = 20
 
 
 @dataclass(frozen=True)
 class Calibration:
     """
-    Confidence against coverage on transitions that were not learned from.
+    Calibration of a model on held-out transitions.
 
-    :param coverage: share of errors below the predicted quantile, for each of :data:`LEVELS`; shape (levels, p)
-    :param error: see :func:`calibration_error`, shape (p,)
+    :param coverage: fraction of errors below the predicted quantile at each of :data:`LEVELS`, shape (levels, p)
+    :param error: :func:`calibration_error`, shape (p,)
     :param raw_error: the same before recalibration, shape (p,)
-    :param scale: factor of the standard deviations that recalibration found, shape (p,)
+    :param scale: factor that recalibration applies to the standard deviations, shape (p,)
     """
 
     coverage: th.Tensor
@@ -36,8 +36,8 @@ class Calibration:
     def measure(cls, error: th.Tensor, std: th.Tensor, scale: th.Tensor) -> Calibration:
         """
         :param error: observed minus predicted on held-out transitions, shape (n, p)
-        :param std: predicted before recalibration, shape (n, p)
-        :param scale: its factor, shape (p,)
+        :param std: predicted standard deviation before recalibration, shape (n, p)
+        :param scale: recalibration factor, shape (p,)
         """
         coverage, raw_coverage = reliability(error, scale * std), reliability(error, std)
         results = (coverage, calibration_error(coverage), calibration_error(raw_coverage), scale.clone())
@@ -46,19 +46,20 @@ class Calibration:
 
 def gaussian_nll(error: th.Tensor, std: th.Tensor) -> th.Tensor:
     """
-    Negative log-density of independent normal errors, summed over dimensions.
+    Negative log-likelihood of independent normal errors, summed over dimensions.
 
     :param error: observed minus predicted, shape (n, p)
     :param std: predicted standard deviation, shape (n, p)
     :return: nats per row, shape (n,)
     """
-    return -th.distributions.Normal(th.zeros_like(std), std).log_prob(error).sum(dim=-1)
+    log_density: th.Tensor = th.distributions.Normal(th.zeros_like(std), std).log_prob(error)
+    return -log_density.sum(dim=-1)
 
 
 def reliability(error: th.Tensor, std: th.Tensor) -> th.Tensor:
     """
-    The reliability curve: at confidence level c, a calibrated model has a share c of its errors below the predicted
-    c-quantile (Kuleshov et al. 2018, equation 3).
+    The reliability curve: a calibrated model has a fraction c of its errors below the predicted c-quantile (Kuleshov et
+    al. 2018, equation 3).
 
     :param error: observed minus predicted, shape (n, p)
     :param std: predicted standard deviation, shape (..., n, p)
@@ -71,7 +72,8 @@ def reliability(error: th.Tensor, std: th.Tensor) -> th.Tensor:
 
 def calibration_error(coverage: th.Tensor) -> th.Tensor:
     """
-    Mean gap between confidence and coverage. 0 is perfect, 0.25 is as wrong as a certain or a clueless unbiased model.
+    Mean absolute difference of confidence and coverage: 0 is perfect; an unbiased model whose standard deviation is
+    far too small or far too large has 0.25.
 
     :param coverage: a :func:`reliability` curve, shape (..., levels, p)
     :return: one value per dimension, shape (..., p)
@@ -81,17 +83,17 @@ def calibration_error(coverage: th.Tensor) -> th.Tensor:
 
 def recalibration_scale(error: th.Tensor, std: th.Tensor) -> th.Tensor:
     """
-    The factor of the predicted std with the least calibration error, per dimension (the one-parameter case of Kuleshov
-    et al. 2018; in model-based RL: Malik et al. 2019). It is 1 where nothing is better.
+    The factor of the predicted std that minimises the calibration error, per dimension (the one-parameter case of
+    Kuleshov et al. 2018; in model-based RL: Malik et al. 2019). It is 1 if no other factor is better.
 
     :param error: observed minus predicted on held-out transitions, shape (n, p)
-    :param std: predicted, shape (n, p)
+    :param std: predicted standard deviation, shape (n, p)
     :return: shape (p,), between 1 / :data:`MAX_SCALE` and :data:`MAX_SCALE`
     """
     if len(error) < MIN_HOLDOUT:
         return th.ones_like(error[0])
     steps = th.linspace(0, 1, 41)
-    # Sorted by distance from 1, so that of equally good factors the mildest is the first.
+    # Sorted by distance from 1, so that argmin picks the mildest of equally good factors.
     factors = MAX_SCALE ** th.stack([steps, -steps], dim=1).flatten()[1:].to(error)
     errors = calibration_error(reliability(error, factors.view(-1, 1, 1) * std))
     return factors[errors.argmin(dim=0)]

@@ -1,4 +1,4 @@
-"""Cholesky factors that fail with advice."""
+"""Cholesky factorisation with helpful errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from linear_operator.utils.errors import NanError, NotPSDError
 
 def safe_cholesky(matrix: th.Tensor) -> th.Tensor:
     """
-    A growing jitter is added to the diagonal where rounding has made the matrix indefinite.
+    Cholesky factor of a matrix, with a growing jitter on the diagonal if rounding has made the matrix indefinite.
 
     :param matrix: symmetric, shape (..., n, n)
     :return: lower factor
-    :raises ValueError: if the matrix is not positive definite in spite of the jitter
+    :raises ValueError: if the matrix is not positive definite even with the jitter
     """
     try:
         factor: th.Tensor = psd_safe_cholesky(matrix)

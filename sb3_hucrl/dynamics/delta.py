@@ -1,4 +1,4 @@
-"""What all learned models share: standardised inputs, standardised state differences, and calibration."""
+"""Base class of the learned models: standardised inputs, standardised state differences, calibration."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sb3_hucrl.dynamics.encoding import Standardiser, StateFeatures
 
 def require_positive(**values: float) -> None:
     """
-    :param values: by name
-    :raises ValueError: unless all are above 0 and finite
+    :param values: numbers by name
+    :raises ValueError: unless all are positive and finite
     """
     for name, value in values.items():
         if not 0 < value < math.inf:
@@ -28,7 +28,7 @@ def require_positive(**values: float) -> None:
 @dataclass(frozen=True)
 class Moments:
     """
-    Prediction of standardised state differences.
+    Prediction of the standardised state difference.
 
     :param mean: shape (B, p)
     :param epistemic_std: shape (B, p)
@@ -42,13 +42,13 @@ class Moments:
 
 class DeltaModel(DynamicsModel):
     """
-    Learns the difference of successive states, with inputs (state features, action) and targets standardised on the
-    data so far. What is left to a subclass is regression between standardised tensors.
+    Predicts the difference of successive states from inputs (state features, action). Inputs and targets are
+    standardised on the data so far, so that a subclass only implements regression between standardised tensors.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
-    :param recalibrate: scale standard deviations per dimension to fit the errors on held-out transitions
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
+    :param recalibrate: scale standard deviations per dimension to match the errors on held-out transitions
     """
 
     std_scale: th.Tensor
@@ -67,38 +67,44 @@ class DeltaModel(DynamicsModel):
         self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator
     ) -> float:
         """
-        :param inputs: of all training transitions in order, shape (n, input_dim); standardise with :attr:`inputs`
-        :param deltas: state differences, shape (n, p); standardise with :attr:`deltas`
-        :param dataset: where they come from
-        :param generator: the source of all randomness of the fit, on the CPU
+        Fit the regression.
+
+        :param inputs: all training inputs in order, shape (n, input_dim); standardise them with :attr:`inputs`
+        :param deltas: state differences, shape (n, p); standardise them with :attr:`deltas`
+        :param dataset: source of inputs and deltas
+        :param generator: source of all randomness in the fit, on the CPU
         :return: final training loss
         """
 
     @abstractmethod
     def _moments(self, inputs: th.Tensor) -> Moments:
         """
+        Predict standardised differences.
+
         :param inputs: standardised, shape (B, input_dim)
         """
 
     @abstractmethod
     def _sample(self, generator: th.Generator, num_samples: int) -> Callable[[th.Tensor], Moments]:
         """
+        Draw functions from the posterior.
+
         :param generator: draws the functions, on the CPU
-        :param num_samples: how many; row i of their inputs belongs to number i modulo ``num_samples``
-        :return: maps standardised inputs to moments without epistemic std
+        :param num_samples: number of functions; function i modulo ``num_samples`` predicts row i of the inputs
+        :return: maps standardised inputs to moments with an epistemic std of 0
         """
 
     def encode(self, state: th.Tensor, action: th.Tensor) -> th.Tensor:
         """
         :param state: shape (B, p)
         :param action: shape (B, q)
-        :return: model inputs, not yet standardised, shape (B, input_dim)
+        :return: model inputs before standardisation, shape (B, input_dim)
         """
         return th.cat([self.features(state), action], dim=-1)
 
     def in_state_units(self, state: th.Tensor, moments: Moments) -> Prediction:
         """
-        :param state: where the difference is counted from, shape (B, p)
+        :param state: s, to which the difference is added, shape (B, p)
         :param moments: of the standardised difference
         """
         std_scale = self.deltas.std * self.std_scale
@@ -145,9 +151,9 @@ class DeltaModel(DynamicsModel):
 
 class SampledModel(Predictor):
     """
-    Functions drawn from the posterior of a model, in state units.
+    Posterior samples of a model, in state units.
 
-    :param model: what they were drawn from
+    :param model: the sampled model
     :param function: maps standardised inputs to moments of standardised differences
     """
 

@@ -1,4 +1,4 @@
-"""How states and actions enter a model, and how its targets are scaled."""
+"""Input encoding and standardisation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch import nn
 
 class StateFeatures(nn.Module):
     """
-    Encodes states whose angles would otherwise jump at ±π.
+    Encodes angles as (sin, cos), because the angles themselves jump at ±π.
 
     :param state_dim: p
     :param angle_dims: indices of the state's angles, in radians
@@ -43,7 +43,7 @@ class StateFeatures(nn.Module):
 
     def difference(self, state: th.Tensor, reference: th.Tensor) -> th.Tensor:
         """
-        state - reference, the angles' part wrapped to [-π, π).
+        state - reference, with angle differences wrapped to [-π, π).
 
         :param state: shape (..., p)
         :param reference: shape (..., p)
@@ -56,7 +56,7 @@ class StateFeatures(nn.Module):
 
 class Standardiser(nn.Module):
     """
-    Shift and scale to zero mean and unit variance on the data so far.
+    Shifts and scales columns to zero mean and unit variance on the data so far.
 
     :param dim: number of columns
     """
@@ -71,7 +71,9 @@ class Standardiser(nn.Module):
 
     def update(self, values: th.Tensor) -> None:
         """
-        :param values: all data so far, shape (n, dim); a constant column keeps its scale
+        Compute mean and standard deviation.
+
+        :param values: all data so far, shape (n, dim); the scale of a constant column is 1
         """
         std = values.std(dim=0, correction=0)
         self.mean.copy_(values.mean(dim=0))

@@ -1,4 +1,4 @@
-"""Ensembles of networks: probabilistic and deterministic (Chua et al. 2018; Lakshminarayanan et al. 2017)."""
+"""Probabilistic and deterministic ensembles of networks (Chua et al. 2018; Lakshminarayanan et al. 2017)."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from sb3_hucrl.dynamics.delta import DeltaModel, Moments, SampledModel
 from sb3_hucrl.dynamics.networks import BatchedNetworks
 from sb3_hucrl.progress import progress_bar
 
-# Bounds of the noise variance of a standardised target: standard deviations of 0.7 % to 160 % of its own spread.
+# Bounds of the noise variance of a standardised target: its noise std is 0.7 % to 160 % of its own std.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
 
 
 class Ensemble(DeltaModel):
     """
-    M independent networks, each of which predicts the standardised state difference in its own way.
+    M independent networks, each of which predicts the standardised state difference.
 
-    Members disagree where data are missing: each has weights of its own and, with ``bootstrap``, sees the data through
-    its own Poisson(1) weights (appendix B.1; without: B.4.4).
+    Members disagree where data are missing, because each starts from different parameters and, with ``bootstrap``,
+    weights the transitions differently, by Poisson(1) draws (appendix B.1; without bootstrap: B.4.4).
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
     :param num_members: M, at least 2
     :param net_arch: widths of the hidden layers
-    :param learning_rate: of Adam
+    :param learning_rate: learning rate of Adam
     :param batch_size: transitions per member and gradient step
-    :param gradient_steps: per fit
-    :param bootstrap: whether each member weighs the transitions differently
-    :param recalibrate: scale standard deviations to fit the errors on held-out transitions
-    :param generator: draws the initial weights
+    :param gradient_steps: gradient steps per fit
+    :param bootstrap: whether each member weights the transitions differently
+    :param recalibrate: scale standard deviations to match the errors on held-out transitions
+    :param generator: draws the initial parameters
     :raises ValueError: if there are fewer than 2 members
     """
 
@@ -73,7 +73,7 @@ class Ensemble(DeltaModel):
     @abstractmethod
     def _loss(self, outputs: th.Tensor, deltas: th.Tensor) -> th.Tensor:
         """
-        :param outputs: of the networks, shape (M, B, outputs_per_dim · p)
+        :param outputs: network outputs, shape (M, B, outputs_per_dim · p)
         :param deltas: standardised targets, shape (M, B, p)
         :return: shape (M, B)
         """
@@ -81,25 +81,27 @@ class Ensemble(DeltaModel):
     @abstractmethod
     def _noise(self, outputs: th.Tensor) -> th.Tensor:
         """
-        :param outputs: of the networks, shape (M, B, outputs_per_dim · p)
-        :return: variance of the noise in each, shape (M, B, outputs_per_dim · p); the last p columns count
+        :param outputs: network outputs, shape (M, B, outputs_per_dim · p)
+        :return: shape (M, B, outputs_per_dim · p); the last p columns are the variance of the noise
         """
 
     def _after_fit(self, inputs: th.Tensor, deltas: th.Tensor) -> None:
         """
-        :param inputs: standardised, of all training transitions, shape (n, input_dim)
-        :param deltas: their standardised targets, shape (n, p)
+        Called at the end of a fit; does nothing by default.
+
+        :param inputs: standardised inputs of all training transitions, shape (n, input_dim)
+        :param deltas: standardised targets, shape (n, p)
         """
 
     def _moments(self, inputs: th.Tensor) -> Moments:
         outputs = self.networks(inputs.expand(self.num_members, -1, -1))
-        # All columns are reduced, though some of each result is dropped: a slice of the last dimension is not
-        # contiguous, and reducing that takes twenty times as long.
+        # Reduce all columns although some are dropped below: a slice of the last dimension is not contiguous, and
+        # reducing it takes twenty times as long.
         average = outputs.mean(dim=0)
         spread = (outputs - average).square().mean(dim=0)
         noise = self._noise(outputs).mean(dim=0)
         p = self.state_dim
-        # The root of an exact zero (members that agree to the last bit) would have an infinite gradient.
+        # If all members agree exactly, the gradient of the square root would be infinite.
         return Moments(average[:, :p], spread[:, :p].clamp(min=1e-12).sqrt(), noise[:, -p:].sqrt())
 
     def _sample(self, generator: th.Generator, num_samples: int) -> Callable[[th.Tensor], Moments]:
@@ -125,8 +127,9 @@ class Ensemble(DeltaModel):
 
     def member(self, index: int) -> Predictor:
         """
-        :param index: of the member, from 0 on
-        :return: what it alone predicts, until the next fit
+        One member as a predictor of its own, valid until the next fit.
+
+        :param index: of the member, from 0 to M - 1
         :raises ValueError: if there is no such member
         """
         if not 0 <= index < self.num_members:
@@ -148,7 +151,7 @@ class Ensemble(DeltaModel):
             len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
         ).to(self.device)
         losses = th.zeros(self.gradient_steps)
-        with progress_bar(self.gradient_steps, "fit of the dynamics") as bar:
+        with progress_bar(self.gradient_steps, "dynamics fit") as bar:
             for step, batch in enumerate(batches):
                 residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
                 loss = (weights[member, batch] * residuals).mean(dim=1).sum()
@@ -168,10 +171,10 @@ class Ensemble(DeltaModel):
 
 class ProbabilisticEnsemble(Ensemble):
     """
-    Each member predicts a normal distribution, whose width is noise (aleatoric).
+    Each member predicts a normal distribution, whose variance is the aleatoric noise.
 
-    The members' mixture is summarised by its moments: the mean of the means, their spread (epistemic), and the mean
-    of the variances. The arguments are those of :class:`Ensemble`.
+    The prediction has the mean of the members' means, their standard deviation (epistemic), and the mean of the
+    members' variances (aleatoric). The arguments are those of :class:`Ensemble`.
     """
 
     outputs_per_dim = 2
@@ -182,14 +185,14 @@ class ProbabilisticEnsemble(Ensemble):
         return 0.5 * ((deltas - mean).square() / variance + variance.log()).sum(dim=-1)
 
     def _noise(self, outputs: th.Tensor) -> th.Tensor:
-        # Exponential in between and smoothly bounded at both ends.
+        # A sigmoid grows exponentially at first and bounds the variance smoothly at both ends.
         return outputs.sigmoid().mul(MAX_VARIANCE).add(MIN_VARIANCE)
 
 
 class DeterministicEnsemble(Ensemble):
     """
-    Each member predicts one value, by least squares; the noise is the same everywhere: what remains of the training
-    targets after the fit. The arguments are those of :class:`Ensemble`.
+    Each member predicts a point by least squares. The aleatoric noise is constant: the training residuals' variance.
+    The arguments are those of :class:`Ensemble`.
     """
 
     outputs_per_dim = 1

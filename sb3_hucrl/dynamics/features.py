@@ -1,4 +1,4 @@
-"""Feature models: Bayesian linear regression on Fourier features of the squared exponential kernel (appendix B.4.5)."""
+"""Bayesian linear regression on Fourier features of the squared exponential kernel (appendix B.4.5)."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import Any
 import torch as th
 
 from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics.confidence import confidence_width
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
 from sb3_hucrl.dynamics.fourier import FourierFeatures, quadrature_features, random_features
 from sb3_hucrl.dynamics.linear import BayesianLinearRegression
-from sb3_hucrl.theory.confidence import confidence_width
 
 
 class FeatureModel(DeltaModel):
     """
-    A Gaussian process in weight space: exact for the kernel φ(x)ᵀφ(x′), whatever the number of transitions.
+    A Gaussian process in weight space with the kernel φ(x)ᵀφ(x′). Its cost per prediction does not grow with the data.
 
-    Each fit adds only the new transitions. Since features of inputs that are scaled anew cannot be added to old ones,
-    the scale of inputs and targets is set anew, and everything added again, only when the data have doubled.
+    A fit adds only the new transitions. A new standardisation changes the features of all transitions, so inputs and
+    targets are standardised again, and all transitions added again, only when the number of transitions has doubled.
 
-    :param features: makes φ from the number of (standardised) inputs, the lengthscale and the generator
+    :param features: makes φ from the number of inputs, the lengthscale and the generator
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
-    :param lengthscale: of the kernel, in standard deviations of the inputs
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
+    :param lengthscale: lengthscale of the kernel, in standard deviations of the inputs
     :param outputscale: prior standard deviation of a standardised target
     :param noise_std: σ, standard deviation of the noise of a standardised target
-    :param recalibrate: scale standard deviations to fit the errors on held-out transitions
-    :param generator: draws the features, where they are random
+    :param recalibrate: scale standard deviations to match the errors on held-out transitions
+    :param generator: draws the features if they are random
     :raises ValueError: if a scale is not positive
     """
 
@@ -53,7 +53,7 @@ class FeatureModel(DeltaModel):
         self.fourier = features(self.input_dim, lengthscale, generator)
         self.noise_std = noise_std
         self.regression = BayesianLinearRegression(self.fourier.num_features, state_dim, outputscale**2, noise_std)
-        #: number of transitions that the scale was set on, and that were learned from
+        #: number of transitions at the last standardisation, and number of transitions learned from
         self.register_buffer("scaled_on", th.zeros((), dtype=th.long))
         self.register_buffer("num_seen", th.zeros((), dtype=th.long))
 
@@ -95,21 +95,25 @@ class FeatureModel(DeltaModel):
         return Moments(mean.to(inputs), std.to(inputs), th.full_like(mean, self.noise_std).to(inputs))
 
     def information_gain(self) -> float:
+        """I(y; f) of equation (63), summed over outputs, in nats."""
         return self.state_dim * self.regression.information_gain()
 
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         return confidence_width(self.information_gain(), self.noise_std, delta, norm_bound)
 
+    def diagnostics(self) -> dict[str, float]:
+        return {"information_gain": self.information_gain()}
+
 
 class RandomFourierModel(FeatureModel):
     """
-    Feature model on random Fourier features.
+    Feature model with random Fourier features.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
-    :param num_features: even; the paper uses 1,296
-    :param settings: of :class:`FeatureModel`
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
+    :param num_features: number of features, even; the paper uses 1,296
+    :param settings: further arguments of :class:`FeatureModel`
     """
 
     def __init__(
@@ -128,13 +132,13 @@ class RandomFourierModel(FeatureModel):
 
 class QuadratureFourierModel(FeatureModel):
     """
-    Feature model on quadrature Fourier features, for up to four or five input dimensions.
+    Feature model with quadrature Fourier features, for at most four or five input dimensions.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
-    :param nodes_per_dim: grid points along each input dimension; the paper's 625 features are 5 in each of 4
-    :param settings: of :class:`FeatureModel`
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
+    :param nodes_per_dim: grid points per input dimension; the paper has 625 features, from 5 in each of 4 dimensions
+    :param settings: further arguments of :class:`FeatureModel`
     :raises ValueError: if the grid has too many points
     """
 

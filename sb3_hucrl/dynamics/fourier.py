@@ -1,4 +1,4 @@
-"""Finite features whose inner products approximate the squared exponential kernel (appendix B.4.5)."""
+"""Fourier features, whose inner products approximate the squared exponential kernel (appendix B.4.5)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from torch import nn
 
 from sb3_hucrl.dynamics.delta import require_positive
 
-#: quadrature features are refused beyond this, because all of them would have to be stored and factorised
+#: largest number of quadrature features, because a matrix of this size is stored and factorised
 MAX_FEATURES = 5_000
 
 
 class FourierFeatures(nn.Module):
     """
-    φ(x) = (√c cos Ωx, √c sin Ωx), so that φ(x)ᵀφ(x′) = Σ_j c_j cos(ω_jᵀ (x - x′)).
+    Features φ(x) = (√c cos Ωx, √c sin Ωx), so that φ(x)ᵀφ(x′) = Σ_j c_j cos(ω_jᵀ (x - x′)).
 
     :param frequencies: Ω, shape (F, d)
-    :param weights: c, which sum to 1, shape (F,)
+    :param weights: c, shape (F,); they sum to 1
     """
 
     frequencies: th.Tensor
@@ -44,17 +44,18 @@ def random_features(
     input_dim: int, num_features: int, lengthscale: float, generator: th.Generator | None
 ) -> FourierFeatures:
     """
-    Random Fourier features (Rahimi and Recht 2008): frequencies from the kernel's spectral density N(0, I / l²).
+    Random Fourier features (Rahimi and Recht 2008): frequencies are drawn from the kernel's spectral density
+    N(0, I / l²).
 
     :param input_dim: d
-    :param num_features: even
+    :param num_features: number of features, even
     :param lengthscale: l
     :param generator: draws the frequencies
-    :raises ValueError: if the number of features is not even and positive, or the lengthscale not positive
+    :raises ValueError: if the number of features is odd or not positive, or the lengthscale is not positive
     """
     require_positive(lengthscale=lengthscale)
     if num_features < 2 or num_features % 2:
-        raise ValueError(f"num_features is {num_features}: random features come in pairs, give an even number")
+        raise ValueError(f"num_features is {num_features}: random features come in pairs, so give an even number")
     frequencies = th.randn(num_features // 2, input_dim, generator=generator, dtype=th.float64) / lengthscale
     return FourierFeatures(frequencies, th.full((len(frequencies),), 1 / len(frequencies)))
 
@@ -63,25 +64,25 @@ def quadrature_features(input_dim: int, nodes_per_dim: int, lengthscale: float) 
     """
     Quadrature Fourier features (Mutny and Krause 2018): Gauss-Hermite nodes of the spectral density, on a grid.
 
-    A frequency and its negative give the same pair of features, so one of each two is left out: about
+    A frequency and its negative give equivalent features, so only one of the two is kept: about
     ``nodes_per_dim ** input_dim`` features remain.
 
     :param input_dim: d
-    :param nodes_per_dim: grid points along each input dimension
+    :param nodes_per_dim: grid points per input dimension
     :param lengthscale: l
-    :raises ValueError: if these are more features than can be handled, or the lengthscale is not positive
+    :raises ValueError: if the grid has too many points, or the lengthscale is not positive
     """
     require_positive(lengthscale=lengthscale)
     if nodes_per_dim < 1 or nodes_per_dim**input_dim > MAX_FEATURES:
         raise ValueError(
             f"{nodes_per_dim} nodes in each of {input_dim} input dimensions are {nodes_per_dim**input_dim} quadrature "
-            f"features, and 1 to {MAX_FEATURES} can be handled: change nodes_per_dim, or use dynamics 'rff'"
+            f"features, but 1 to {MAX_FEATURES} are allowed: change nodes_per_dim, or use dynamics 'rff'"
         )
     nodes, weights = (th.from_numpy(values) for values in np.polynomial.hermite.hermgauss(nodes_per_dim))
-    # Exact zeros, so that the nodes are symmetric to the last bit.
+    # Makes the nodes exactly symmetric, with an exact zero in the middle.
     nodes = (nodes - nodes.flip(0)) / 2
     indices = th.cartesian_prod(*[th.arange(nodes_per_dim)] * input_dim).reshape(-1, input_dim)
-    # In this order the grid's k-th point from the end is the negative of its k-th point.
+    # In this order the k-th point from the end is the negative of the k-th point.
     half = indices[: (len(indices) + 1) // 2]
     products = (weights / math.sqrt(math.pi))[half].prod(dim=1) * 2
     if len(indices) % 2:

@@ -1,4 +1,4 @@
-"""Exact Gaussian processes, one for each dimension of the state, on GPyTorch's kernels."""
+"""Exact Gaussian processes, one per state dimension, with GPyTorch's kernels."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from gpytorch.kernels import Kernel
 
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.cholesky import safe_cholesky
+from sb3_hucrl.dynamics.confidence import confidence_width
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
 from sb3_hucrl.dynamics.hyperparameters import maximise_marginal_likelihood, rbf_kernel
-from sb3_hucrl.theory.confidence import confidence_width
 
-#: pairs of random features in the prior part of a sampled function
+#: number of random frequencies in the prior part of a sampled function
 PRIOR_FREQUENCIES = 512
 
-#: latest training transitions that the reported loss, a squared error, is taken of
+#: number of latest training transitions that the reported loss, a squared error, averages over
 LOSS_POINTS = 500
 
 
 class Posterior(Protocol):
     """
-    Gaussian processes conditioned on data, factorised once. All tensors are in float64.
+    Gaussian processes conditioned on data, with a stored factorisation. All tensors are in float64.
 
-    The p outputs have k kernels: one each (k = p), or one for all (k = 1), which is factorised once for all.
+    The p outputs have k kernels: one each (k = p), or a shared one (k = 1), which is factorised only once.
     """
 
     def moments(self, inputs: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
@@ -37,10 +37,10 @@ class Posterior(Protocol):
 
     def update_weights(self, prior: Callable[[th.Tensor], th.Tensor], generator: th.Generator) -> th.Tensor:
         """
-        Pathwise conditioning (Wilson et al. 2020): a posterior sample is f(x) + k(x, Z) v, with f from the prior.
+        Pathwise conditioning (Wilson et al. 2020): a posterior sample is f(x) + k(x, Z) v, where f is a prior sample.
 
         :param prior: S functions from the prior, maps (1, n, d) to (S, p, n)
-        :param generator: draws the rest, on the CPU
+        :param generator: draws the noise, on the CPU
         :return: v, shape (S, p, number of centres)
         """
 
@@ -56,9 +56,9 @@ class Posterior(Protocol):
 @dataclass(frozen=True)
 class ExactPosterior:
     """
-    Equations (60) to (62).
+    The posterior of equations (60) to (62).
 
-    :param kernel: k of them
+    :param kernel: a batch of k kernels
     :param inputs: shape (1, n, d)
     :param targets: shape (p, n)
     :param noise_variance: σ², shape (k, 1)
@@ -78,7 +78,9 @@ class ExactPosterior:
         cls, kernel: Kernel, inputs: th.Tensor, targets: th.Tensor, noise_variance: th.Tensor
     ) -> ExactPosterior:
         """
-        :param kernel: k of them
+        Factorise the kernel matrix of the data.
+
+        :param kernel: a batch of k kernels
         :param inputs: shape (n, d)
         :param targets: shape (n, p)
         :param noise_variance: σ², shape (k, 1)
@@ -98,7 +100,7 @@ class ExactPosterior:
         mean = (self.weights.unsqueeze(1) @ cross).squeeze(1)
         explained = th.linalg.solve_triangular(self.cholesky, cross, upper=False).square().sum(dim=1)
         variance = self.kernel(inputs, diag=True) - explained
-        # Rounding can leave less than nothing of it at an observed point.
+        # At an observed point, rounding can make the variance negative.
         return mean, variance.clamp(min=1e-12).sqrt()
 
     def update_weights(self, prior: Callable[[th.Tensor], th.Tensor], generator: th.Generator) -> th.Tensor:
@@ -117,19 +119,19 @@ class GaussianProcess(DeltaModel):
     """
     Independent Gaussian processes with the squared exponential kernel, zero prior mean and constant noise.
 
-    As in appendix B.1 the hyperparameters stay fixed unless asked for. A fit is a factorisation; it is kept, so that
-    a prediction does not factorise again.
+    As in appendix B.1 the hyperparameters are fixed by default. A fit factorises the kernel matrix once for all
+    predictions.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: indices of the state's angles, which enter as (sin, cos)
-    :param lengthscale: of the kernel, in standard deviations of the inputs
+    :param angle_dims: indices of the state's angles, which are encoded as (sin, cos)
+    :param lengthscale: lengthscale of the kernel, in standard deviations of the inputs
     :param outputscale: prior standard deviation of a standardised target
     :param noise_std: σ, standard deviation of the noise of a standardised target
     :param optimize_hyperparameters: maximise the marginal likelihood over lengthscales (one per input and output),
         outputscales and noise in each fit
-    :param recalibrate: scale standard deviations to fit the errors on held-out transitions
-    :param generator: nothing is drawn; here so that all models are built alike
+    :param recalibrate: scale standard deviations to match the errors on held-out transitions
+    :param generator: unused, accepted so that all models have the same signature
     :raises ValueError: if a scale is not positive
     """
 
@@ -164,9 +166,9 @@ class GaussianProcess(DeltaModel):
 
     @property
     def posterior(self) -> Posterior:
-        """Conditioned on the training data; factorised when first needed after a fit or a load."""
+        """The posterior given the training data, factorised at its first use after a fit or a load."""
         if self._posterior is None:
-            # Also when the first to ask is imagination, in inference mode: a planner may want gradients later.
+            # The first use may be in inference mode, but a planner may need gradients through these tensors later.
             with th.inference_mode(False), th.no_grad():
                 self._posterior = self._condition(self.train_inputs, self.train_targets)
         return self._posterior
@@ -224,35 +226,40 @@ class GaussianProcess(DeltaModel):
         return function
 
     def information_gain(self) -> float:
+        """I(y; f) of equation (63), summed over outputs, in nats."""
         return self.posterior.information_gain
 
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         noise_std = float(self.noise_variance.max().sqrt())
         return confidence_width(self.information_gain(), noise_std, delta, norm_bound)
 
+    def diagnostics(self) -> dict[str, float]:
+        return {"information_gain": self.information_gain()}
+
     def _apply(self, fn: Callable[[th.Tensor], th.Tensor], recurse: bool = True) -> GaussianProcess:
         self._posterior = None
-        return super()._apply(fn, recurse)
+        super()._apply(fn, recurse)  # type: ignore[no-untyped-call]  # torch's
+        return self
 
     def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
         for name in ("train_inputs", "train_targets"):
-            # Its number of rows is that of the data, which a fresh model does not know.
+            # An unfitted model has no rows here, so allocate as many as were saved.
             if prefix + name in state_dict:
                 setattr(self, name, th.empty_like(state_dict[prefix + name], device=self.device))
         self._posterior = None
         super()._load_from_state_dict(state_dict, prefix, *args)
 
     def __getstate__(self) -> dict[str, Any]:
-        # The factor is large and quickly made again.
+        # The factorisation is large and quick to recompute.
         return {**self.__dict__, "_posterior": None}
 
 
 class ExactGP(GaussianProcess):
     """
-    Gaussian processes that keep all training transitions; time grows with their cube, memory with their square.
+    Gaussian processes that keep all n training transitions: a fit takes O(n³) time and O(n²) memory.
 
-    :param max_points: transitions beyond this are refused
-    :param settings: of :class:`GaussianProcess`
+    :param max_points: largest n; a fit with more raises ValueError
+    :param settings: further arguments of :class:`GaussianProcess`
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Kernel hyperparameters by maximum marginal likelihood, with GPyTorch."""
+"""Kernel hyperparameters of maximum marginal likelihood, with GPyTorch."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from gpytorch.mlls import ExactMarginalLogLikelihood
 from gpytorch.models import ExactGP
 from gpytorch.settings import fast_computations
 
-#: transitions that the likelihood is taken of, a random choice where there are more
+#: largest number of transitions in the likelihood; of more, a random subset is used
 MAX_POINTS = 300
-#: of L-BFGS on the logarithms of the hyperparameters
+#: iterations of L-BFGS, which works on the logarithms of the hyperparameters
 MAX_ITERATIONS = 50
-#: noise below this share of a standardised target's variance is not told from none
+#: lower bound on the noise variance of a standardised target
 MIN_NOISE_VARIANCE = 1e-6
 
 
 def rbf_kernel(shape: th.Size, input_dim: int, lengthscale: float, outputscale: float) -> ScaleKernel:
     """
-    Squared exponential kernel with one lengthscale per input, in float64, whose parameters are logarithms.
+    Squared exponential kernel in float64 with one lengthscale per input; its parameters are stored as logarithms.
 
     :param shape: number of kernels
     :param input_dim: number of inputs
-    :param lengthscale: in units of the inputs
-    :param outputscale: prior standard deviation
+    :param lengthscale: initial lengthscale, in units of the inputs
+    :param outputscale: prior standard deviation of the function
     """
     base = RBFKernel(ard_num_dims=input_dim, batch_shape=shape, lengthscale_constraint=_logarithmic(0.0))
     kernel = ScaleKernel(base, batch_shape=shape, outputscale_constraint=_logarithmic(0.0)).double()
@@ -40,7 +40,7 @@ def _logarithmic(lower_bound: float) -> GreaterThan:
     return GreaterThan(lower_bound, transform=th.exp, inv_transform=th.log)
 
 
-class _Regression(ExactGP):
+class _Regression(ExactGP):  # type: ignore[misc]  # GPyTorch is untyped
     def __init__(self, kernel: Kernel, inputs: th.Tensor, targets: th.Tensor, likelihood: GaussianLikelihood) -> None:
         super().__init__(inputs, targets, likelihood)
         self.mean = ZeroMean()
@@ -54,14 +54,14 @@ def maximise_marginal_likelihood(
     kernel: Kernel, noise_variance: th.Tensor, inputs: th.Tensor, targets: th.Tensor, generator: th.Generator
 ) -> th.Tensor:
     """
-    L-BFGS on the exact log marginal likelihood, from the present hyperparameters on.
+    Maximise the exact log marginal likelihood by L-BFGS, starting from the current hyperparameters.
 
-    :param kernel: p of them; changed in place
-    :param noise_variance: σ² to begin with, shape (p, 1)
+    :param kernel: a batch of p kernels, changed in place
+    :param noise_variance: initial σ², shape (p, 1)
     :param inputs: shape (n, d)
     :param targets: shape (n, p)
-    :param generator: chooses the transitions, on the CPU
-    :return: the new σ², shape (p, 1)
+    :param generator: draws the subset of transitions, on the CPU
+    :return: optimised σ², shape (p, 1)
     :raises ValueError: if the likelihood is not finite
     """
     chosen = th.randperm(len(inputs), generator=generator)[:MAX_POINTS].to(inputs.device)
@@ -76,14 +76,14 @@ def maximise_marginal_likelihood(
 
     def closure() -> float:
         optimizer.zero_grad()
-        loss = -objective(regression(inputs[chosen]), targets[chosen].T).sum()
+        loss: th.Tensor = -objective(regression(inputs[chosen]), targets[chosen].T).sum()
         if not th.isfinite(loss):
             raise ValueError(
-                f"the marginal likelihood is {float(-loss)}: switch optimize_hyperparameters off, or begin with a "
+                f"the marginal likelihood is {float(-loss)}: switch optimize_hyperparameters off, or start with a "
                 "larger noise_std"
             )
         loss.backward()
-        return loss.item()
+        return float(loss)
 
     with th.enable_grad(), fast_computations(False, False, False):
         optimizer.step(closure)

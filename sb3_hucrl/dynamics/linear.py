@@ -1,4 +1,4 @@
-"""Bayesian linear regression in closed form, incremental in the data."""
+"""Incremental Bayesian linear regression in closed form."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from sb3_hucrl.dynamics.cholesky import safe_cholesky
 
 class BayesianLinearRegression(nn.Module):
     """
-    y = Φ w + ε with w ~ N(0, v I) and ε ~ N(0, σ²), for several outputs that share Φ (Bishop 2006, section 3.3).
+    The model y = Φ w + ε with w ~ N(0, v I) and ε ~ N(0, σ²), for several outputs that share Φ (Bishop 2006, section
+    3.3).
 
-    The posterior is N(A⁻¹ Φᵀ y / σ², A⁻¹) with the precision A = Φᵀ Φ / σ² + I / v. It is kept as A and Φᵀ y, to which
-    new rows are added. All linear algebra is in float64.
+    The posterior is N(A⁻¹ Φᵀ y / σ², A⁻¹) with the precision A = Φᵀ Φ / σ² + I / v. The sums A and Φᵀ y are stored, and
+    new rows are added to them. All linear algebra is in float64.
 
-    :param num_features: columns of Φ
-    :param num_outputs: columns of y
+    :param num_features: number of columns of Φ
+    :param num_outputs: number of columns of y
     :param prior_variance: v
     :param noise_std: σ
     """
@@ -35,7 +36,7 @@ class BayesianLinearRegression(nn.Module):
         eye = th.eye(num_features, dtype=th.float64)
         self.register_buffer("precision", eye / prior_variance)
         self.register_buffer("projection", th.zeros(num_features, num_outputs, dtype=th.float64))
-        #: lower factor of the precision
+        #: lower Cholesky factor of the precision
         self.register_buffer("cholesky", eye / math.sqrt(prior_variance))
         #: posterior mean of the weights, shape (features, outputs)
         self.register_buffer("mean", th.zeros(num_features, num_outputs, dtype=th.float64))
@@ -68,9 +69,11 @@ class BayesianLinearRegression(nn.Module):
 
     def sample_weights(self, num_samples: int, generator: th.Generator) -> th.Tensor:
         """
+        Draw weights from their posterior.
+
         :param num_samples: S
-        :param generator: draws them, on the CPU
-        :return: from the posterior of w, shape (S, features, outputs)
+        :param generator: draws the weights, on the CPU
+        :return: samples of w, shape (S, features, outputs)
         """
         noise = th.randn(num_samples, *self.mean.shape, generator=generator, dtype=th.float64).to(self.mean.device)
         return self.mean + th.linalg.solve_triangular(self.cholesky.T, noise, upper=True)

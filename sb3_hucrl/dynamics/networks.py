@@ -1,4 +1,4 @@
-"""Independent networks of one shape, all of them in one matrix product per layer."""
+"""Independent networks of the same shape, evaluated by one batched matrix product per layer."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import torch as th
 from torch import nn
 from torch.nn.functional import silu
 
-# More rows than this are predicted in turns, so that the hidden layers stay in the cache and the allocator keeps their
-# memory: nearly twice as fast at 4,096 rows.
+# Larger batches are split into chunks of this many rows, so that hidden layers fit into the cache and their memory is
+# reused: nearly twice as fast at 4,096 rows.
 CACHED_ROWS = 1_024
 
 
 class BatchedLinear(nn.Module):
     """
-    One linear layer for each of M members, applied as one product.
+    One linear layer for each of M members, evaluated as one batched product.
 
     :param num_members: M
     :param in_features: input width
     :param out_features: output width
-    :param generator: draws the weights
+    :param generator: draws the initial weights
     """
 
     def __init__(self, num_members: int, in_features: int, out_features: int, generator: th.Generator | None) -> None:
@@ -34,7 +34,7 @@ class BatchedLinear(nn.Module):
     def forward(self, inputs: th.Tensor, member: slice) -> th.Tensor:
         """
         :param inputs: shape (m, B, in_features)
-        :param member: which m of the members to run
+        :param member: slice of the m members to evaluate
         :return: shape (m, B, out_features)
         """
         return th.baddbmm(self.bias[member], inputs, self.weight[member])
@@ -42,13 +42,13 @@ class BatchedLinear(nn.Module):
 
 class BatchedNetworks(nn.Module):
     """
-    M multilayer perceptrons with SiLU.
+    M multilayer perceptrons with SiLU activations.
 
     :param num_members: M
     :param input_dim: input width
     :param net_arch: widths of the hidden layers
     :param output_dim: output width
-    :param generator: draws the weights
+    :param generator: draws the initial weights
     """
 
     def __init__(
@@ -68,14 +68,14 @@ class BatchedNetworks(nn.Module):
     def forward(self, inputs: th.Tensor, member: slice = slice(None)) -> th.Tensor:
         """
         :param inputs: shape (m, B, input_dim)
-        :param member: which m of the members to run, all by default
+        :param member: slice of the m members to evaluate, all by default
         :return: shape (m, B, output_dim)
         """
         if not th.is_grad_enabled() and inputs.shape[1] > CACHED_ROWS:
             return th.cat([self(rows, member) for rows in inputs.split(CACHED_ROWS, dim=1)], dim=1)
         hidden = inputs
         for layer in self.layers[:-1]:
-            # In place where no gradient needs the old values: this halves the time of a large batch.
+            # In place unless a gradient needs the old values, which halves the time of a large batch.
             hidden = silu(layer(hidden, member), inplace=not th.is_grad_enabled())
         outputs: th.Tensor = self.layers[-1](hidden, member)
         return outputs

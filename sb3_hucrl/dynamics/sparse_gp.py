@@ -1,4 +1,4 @@
-"""Sparse Gaussian processes, for more transitions than an exact one can hold."""
+"""Sparse Gaussian processes, for more transitions than an exact Gaussian process can handle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gpytorch.kernels import Kernel
 from sb3_hucrl.dynamics.cholesky import safe_cholesky
 from sb3_hucrl.dynamics.gp import GaussianProcess, Posterior
 
-#: keeps the kernel matrix of the inducing points well conditioned, relative to the prior variance
+#: added to the diagonal of the inducing points' kernel matrix, relative to the prior variance, to condition it well
 JITTER = 1e-8
 
 
@@ -22,8 +22,8 @@ class SparsePosterior:
     Titsias' variational posterior (2009, equation 6) in the factorisation of Matthews et al.:
     L Lᵀ = K_zz, A = L⁻¹ K_zx / σ, R Rᵀ = I + A Aᵀ.
 
-    :param kernel: k of them
-    :param centres: the inducing points z, shape (1, m, d)
+    :param kernel: a batch of k kernels
+    :param centres: inducing points z, shape (1, m, d)
     :param prior_cholesky: L, shape (k, m, m)
     :param data_cholesky: R, shape (k, m, m)
     :param projection: R⁻¹ A y / σ, shape (p, m, 1)
@@ -45,7 +45,9 @@ class SparsePosterior:
         noise_variance: th.Tensor,
     ) -> SparsePosterior:
         """
-        :param kernel: k of them
+        Factorise the kernel matrices of the data.
+
+        :param kernel: a batch of k kernels
         :param centres: inducing points, shape (m, d)
         :param inputs: shape (n, d)
         :param targets: shape (n, p)
@@ -90,14 +92,14 @@ class SparsePosterior:
 @th.no_grad()
 def choose_inducing_points(kernel: Kernel, inputs: th.Tensor, num_points: int, tolerance: float) -> th.Tensor:
     """
-    Greedily the input that is least explained by those chosen before: pivoted Cholesky factorisation (Burt et al. 2020,
-    section 4.3), on the average kernel.
+    Choose the input with the largest remaining variance, again and again: a pivoted Cholesky factorisation (Burt et al.
+    2020, section 4.3) of the average kernel.
 
-    :param kernel: k of them
+    :param kernel: a batch of k kernels
     :param inputs: shape (n, d)
-    :param num_points: at most this many
-    :param tolerance: stop when no input has more variance left than this share of the prior's
-    :return: indices of the inputs, shape (m,)
+    :param num_points: largest number of inducing points
+    :param tolerance: stop when every input's remaining variance is below this fraction of the prior variance
+    :return: indices of the chosen inputs, shape (m,)
     """
     remaining = kernel(inputs, diag=True).mean(dim=0)
     prior = remaining.max()
@@ -117,14 +119,15 @@ def choose_inducing_points(kernel: Kernel, inputs: th.Tensor, num_points: int, t
 
 class SparseGP(GaussianProcess):
     """
-    Gaussian processes that see all transitions through a few of them, chosen anew in each fit; time grows with their
-    number times the square of ``num_inducing``.
+    Gaussian processes that approximate the posterior with m inducing points, chosen from the n transitions in each fit,
+    which takes O(n m²) time.
 
-    :param num_inducing: at most this many inducing points
-    :param settings: of :class:`sb3_hucrl.dynamics.gp.GaussianProcess`
+    :param num_inducing: largest m
+    :param settings: further arguments of :class:`sb3_hucrl.dynamics.gp.GaussianProcess`
+    :raises ValueError: if there is no inducing point or a scale is not positive
     """
 
-    #: an inducing point whose variance is explained to this share by others adds nothing but rounding errors
+    #: below this fraction of the prior variance, a further inducing point would add only rounding errors
     tolerance = 1e-7
 
     def __init__(

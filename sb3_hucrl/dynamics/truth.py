@@ -1,4 +1,4 @@
-"""The environment's own dynamics in a model's place, to tell a failing policy search from a failing model."""
+"""The environment's own dynamics in place of a model, to tell a failing policy search from a failing model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sb3_hucrl.tasks.registry import find_task
 
 
 class SettableEnv(Protocol):
-    """What all environments of this package can do."""
+    """An environment whose state can be set, like all environments of this package."""
 
     def set_state(self, state: npt.ArrayLike) -> npt.NDArray[np.float32]: ...
 
@@ -28,17 +28,17 @@ class SettableEnv(Protocol):
 
 class TrueDynamics(DynamicsModel):
     """
-    Predicts by stepping a real environment, without any uncertainty; there is nothing to fit.
+    Predicts without uncertainty by stepping a real environment. There is nothing to fit.
 
-    A policy search that fails on it needs other hyperparameters, not a better model. It is not differentiable, and
-    takes one step of the environment after another.
+    A policy search that fails with these dynamics needs other hyperparameters, not a better model. Predictions are not
+    differentiable, and slow, because each row of a batch is a separate step of the environment.
 
     :param state_dim: p
     :param action_dim: q, without the hallucinated dimensions
-    :param angle_dims: not needed
+    :param angle_dims: unused
     :param env: id of an environment of this package
-    :param generator: not needed
-    :raises ValueError: if the environment has no ``set_state``, or another state
+    :param generator: unused
+    :raises ValueError: if the environment has no ``set_state``, or another state dimension
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class TrueDynamics(DynamicsModel):
         self._env = cast("SettableEnv", made.unwrapped)
         task = find_task(made.spec, observation_dim=0)
         if task is None or not hasattr(made.unwrapped, "set_state"):
-            raise ValueError(f"{self.env_id} is no environment of this package: its state cannot be set")
+            raise ValueError(f"{self.env_id} is not an environment of this package, so its state cannot be set")
         if task.state_dim != self.state_dim:
-            raise ValueError(f"{self.env_id} has {task.state_dim} state dimensions, the model {self.state_dim}")
+            raise ValueError(f"{self.env_id} has {task.state_dim} state dimensions, but the model has {self.state_dim}")
         self._task = task
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_env", "_task")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        super().__setstate__(state)
+        super().__setstate__(state)  # type: ignore[no-untyped-call]  # torch's
         self._make()
 
     def fit(self, dataset: TransitionDataset, generator: th.Generator) -> FitReport:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from sb3_hucrl.planning.base import Particles, Proposal, ShootingPlanner
+from sb3_hucrl.planning.base import Particles, ShootingPlanner
+from sb3_hucrl.planning.proposal import Proposal
 
 
 class CEM(ShootingPlanner):

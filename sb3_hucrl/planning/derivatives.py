@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch as th
 
-from sb3_hucrl.planning.rollouts import PlanningProblem
+from sb3_hucrl.planning.problem import PlanningProblem
 
 
 @dataclass(frozen=True)
@@ -59,21 +59,21 @@ def expand_step(problem: PlanningProblem, state: th.Tensor, value: th.Tensor) ->
     :return: the Jacobian of the next state, shape (M, p + c, p + c + k), and the reward's expansion
     :raises ValueError: if dynamics or reward are not differentiable
     """
-    system = problem.system
+    world = problem.world
     state, value = (each.detach().clone().requires_grad_() for each in (state, value))
     action = problem.variables.action(value, state)
-    step = system.step(state, action, None)
+    step = world.step(state, action, None)
     if not step.prediction.mean.requires_grad:
         raise ValueError(
-            f"iLQR needs a differentiable dynamics model, and {type(system.model).__name__} is not: choose another "
+            f"iLQR needs a differentiable dynamics model, and {type(world.predictor).__name__} is not: choose another "
             "model, or a planner that samples, such as 'icem'"
         )
-    dynamics = th.cat(jacobian(system.forget_outcomes(step.next_state), (state, value)), dim=2)
+    dynamics = th.cat(jacobian(world.forget_outcomes(step.next_state), (state, value)), dim=2)
     reached = step.next_state.detach().requires_grad_()
-    reward = system.task.reward(state, system.split(action)[0], reached)
+    reward = world.task.reward(state, world.split(action)[0], reached)
     if not reward.requires_grad:
         raise ValueError(
-            f"iLQR needs a differentiable reward, and that of {type(system.task).__name__} is not: choose a planner "
+            f"iLQR needs a differentiable reward, and that of {type(world.task).__name__} is not: choose a planner "
             "that samples, such as 'icem'"
         )
     gradients = th.autograd.grad(
@@ -102,7 +102,7 @@ def expand_terminal(problem: PlanningProblem, state: th.Tensor) -> Quadratic:
     if problem.terminal_value is None:
         zeros = th.zeros_like(state)
         return Quadratic(zeros.detach(), th.diag_embed(zeros).detach())
-    value = problem.terminal_value(problem.system.task.observe(state))
+    value = problem.terminal_value(problem.world.task.observe(state))
     [gradient] = th.autograd.grad(value.sum(), state, create_graph=True)
     [hessian] = jacobian(gradient, [state])
     return Quadratic(gradient.detach(), hessian.detach())

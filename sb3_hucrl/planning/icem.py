@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import torch as th
 
-from sb3_hucrl.planning.base import Particles, Proposal
+from sb3_hucrl.planning.base import Particles
 from sb3_hucrl.planning.cem import CEM
+from sb3_hucrl.planning.proposal import Proposal
 
 
 class ICEM(CEM):

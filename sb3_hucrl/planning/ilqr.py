@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import torch as th
 
-from sb3_hucrl.planning.base import Bounds, Plan, Planner, Proposal, without_diverged
+from sb3_hucrl.imagination import Rollout
+from sb3_hucrl.planning.base import Plan, Planner, without_diverged
 from sb3_hucrl.planning.derivatives import Quadratic, expand_step, expand_terminal
-from sb3_hucrl.planning.rollouts import ImaginedReturns, PlanningProblem, Rollout, roll_out
+from sb3_hucrl.planning.problem import ImaginedReturns, PlanningProblem
+from sb3_hucrl.planning.proposal import Bounds, Proposal
 
 #: lengths of the step that are tried, all at once
 STEP_SIZES = 0.5 ** th.arange(8)
@@ -71,7 +73,7 @@ class ILQR(Planner):
             factor = th.where(better, 1 / REGULARISATION_FACTOR, REGULARISATION_FACTOR)
             regularisation = (regularisation * factor).clamp(MIN_REGULARISATION, MAX_REGULARISATION)
             rollout = _where(better, found, rollout)
-        actions = th.stack(rollout.values, dim=1)
+        actions = th.stack(rollout.choices, dim=1)
         return Plan(actions, rollout.returns, Proposal(actions, proposal.std))
 
     @th.no_grad()
@@ -90,7 +92,7 @@ class ILQR(Planner):
         candidates = bounds.clip(candidates)
         by_step = candidates.flatten(0, 1).unbind(dim=1)
         starts = states.repeat_interleave(candidates.shape[1], dim=0)
-        rollout = roll_out(problem, starts, lambda n, _: by_step[n], None)
+        rollout = problem.roll_out(starts, lambda n, _: by_step[n], None)
         without_diverged(rollout.returns.view(len(states), -1))
         return _best(rollout, len(states))
 
@@ -98,8 +100,8 @@ class ILQR(Planner):
 def _improve(problem: PlanningProblem, rollout: Rollout, bounds: Bounds, regularisation: th.Tensor) -> Feedback:
     """The backward pass: the regulator of the problem's expansion around a rollout, B at once."""
     num_envs, width = rollout.states[0].shape
-    horizon = len(rollout.values)
-    dynamics, rewards = expand_step(problem, th.cat(rollout.states[:-1]), th.cat(rollout.values))
+    horizon = len(rollout.choices)
+    dynamics, rewards = expand_step(problem, th.cat(rollout.states[:-1]), th.cat(rollout.choices))
     # Terms that curve upwards have no maximum: iLQR does as if they were flat.
     rewards = rewards.concave()
     by_step = (horizon, num_envs)
@@ -116,7 +118,7 @@ def _improve(problem: PlanningProblem, rollout: Rollout, bounds: Bounds, regular
         qs, qx = q_gradient.split([width, q_gradient.shape[1] - width], dim=1)
         qss, qxs, qxx = q_hessian[:, :width, :width], q_hessian[:, width:, :width], q_hessian[:, width:, width:]
         regular = qxx - th.diag_embed(regularisation[:, None].expand_as(qx))
-        offset, gain = _box_step(regular, qx, qxs, bounds.low - rollout.values[n], bounds.high - rollout.values[n])
+        offset, gain = _box_step(regular, qx, qxs, bounds.low - rollout.choices[n], bounds.high - rollout.choices[n])
         offsets.append(offset)
         gains.append(gain)
         k = offset.unsqueeze(2)
@@ -169,9 +171,9 @@ def _search_line(problem: PlanningProblem, rollout: Rollout, feedback: Feedback,
     def choose(n: int, state: th.Tensor) -> th.Tensor:
         offset, gain = repeated(feedback.offsets[n]), repeated(feedback.gains[n])
         away = (state - repeated(rollout.states[n])).unsqueeze(2)
-        return bounds.clip(repeated(rollout.values[n]) + sizes * offset + (gain @ away).squeeze(2))
+        return bounds.clip(repeated(rollout.choices[n]) + sizes * offset + (gain @ away).squeeze(2))
 
-    return _best(roll_out(problem, repeated(rollout.states[0]), choose, None), num_envs)
+    return _best(problem.roll_out(repeated(rollout.states[0]), choose, None), num_envs)
 
 
 def _best(rollout: Rollout, num_envs: int) -> Rollout:
@@ -182,7 +184,7 @@ def _best(rollout: Rollout, num_envs: int) -> Rollout:
     rows = best + th.arange(num_envs, device=best.device) * returns.shape[1]
     return Rollout(
         states=[each[rows] for each in rollout.states],
-        values=[each[rows] for each in rollout.values],
+        choices=[each[rows] for each in rollout.choices],
         rewards=[each[rows] for each in rollout.rewards],
         discounts=[each[rows] for each in rollout.discounts],
         returns=returns.flatten()[rows],
@@ -193,7 +195,7 @@ def _where(condition: th.Tensor, one: Rollout, other: Rollout) -> Rollout:
     rows = condition.unsqueeze(1)
     return Rollout(
         states=[th.where(rows, *each) for each in zip(one.states, other.states, strict=True)],
-        values=[th.where(rows, *each) for each in zip(one.values, other.values, strict=True)],
+        choices=[th.where(rows, *each) for each in zip(one.choices, other.choices, strict=True)],
         rewards=[th.where(condition, *each) for each in zip(one.rewards, other.rewards, strict=True)],
         discounts=[th.where(condition, *each) for each in zip(one.discounts, other.discounts, strict=True)],
         returns=th.where(condition, one.returns, other.returns),

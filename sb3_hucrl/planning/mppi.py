@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sb3_hucrl.planning.base import Particles, Proposal, ShootingPlanner
+from sb3_hucrl.planning.base import Particles, ShootingPlanner
+from sb3_hucrl.planning.proposal import Proposal
 
 
 class MPPI(ShootingPlanner):

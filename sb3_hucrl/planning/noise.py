@@ -35,4 +35,5 @@ def colored_noise(
     real, imaginary = real * th.where(no_phase, 2**0.5, 1.0), imaginary * ~no_phase
     # Each frequency but those counts twice, once for its negative.
     power = (amplitude.square() * th.where(no_phase, 1.0, 2.0)).sum() * 2
-    return th.fft.irfft(th.complex(real, imaginary) * amplitude, n=length, norm="forward") / power.sqrt()
+    noise: th.Tensor = th.fft.irfft(th.complex(real, imaginary) * amplitude, n=length, norm="forward") / power.sqrt()
+    return noise

@@ -1,6 +1,4 @@
-"""
-Searching around a policy: Dyna-MPC's and POPLIN's decision variables. No change at all is always among the candidates.
-"""
+"""Decision variables of Dyna-MPC and POPLIN: changes to a policy. No change is always among the candidates."""
 
 from __future__ import annotations
 
@@ -8,8 +6,8 @@ from dataclasses import replace
 
 import torch as th
 
-from sb3_hucrl.planning.base import Bounds, Proposal
-from sb3_hucrl.planning.sb3_policy import SB3Policy
+from sb3_hucrl.planning.policy import PlannedPolicy
+from sb3_hucrl.planning.proposal import Bounds, Proposal
 from sb3_hucrl.planning.variables import DecisionVariables
 from sb3_hucrl.tasks.base import Task
 
@@ -30,7 +28,7 @@ class PolicyNoise(DecisionVariables):
     :raises ValueError: if the horizon is below 1 or the standard deviation not positive
     """
 
-    def __init__(self, horizon: int, bounds: Bounds, policy: SB3Policy, task: Task, std: float) -> None:
+    def __init__(self, horizon: int, bounds: Bounds, policy: PlannedPolicy, task: Task, std: float) -> None:
         _require_positive(std)
         width = bounds.high - bounds.low
         mean = th.zeros(1, horizon, len(width), device=width.device)
@@ -39,7 +37,7 @@ class PolicyNoise(DecisionVariables):
         self._policy, self._task, self._actions = policy, task, bounds
 
     def shifted(self, proposal: Proposal) -> Proposal:
-        # What the last plan knew better than the policy held where the environment was then.
+        # The last plan's improvement on the policy holds for the state that it was made in.
         return self.fresh(len(proposal.mean))
 
     def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
@@ -58,7 +56,7 @@ class PolicyParameters(DecisionVariables):
     :raises ValueError: if the horizon is below 1 or the standard deviation not positive
     """
 
-    def __init__(self, horizon: int, policy: SB3Policy, task: Task, std: float) -> None:
+    def __init__(self, horizon: int, policy: PlannedPolicy, task: Task, std: float) -> None:
         _require_positive(std)
         self._policy, self._task = policy, task
         self._parameters = policy.acting_parameters()

@@ -1,8 +1,7 @@
-"""Planners by their names."""
+"""Planners by name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from sb3_hucrl.planning.base import Planner
@@ -11,25 +10,20 @@ from sb3_hucrl.planning.icem import ICEM
 from sb3_hucrl.planning.ilqr import ILQR
 from sb3_hucrl.planning.mppi import MPPI
 from sb3_hucrl.planning.random_shooting import RandomShooting
+from sb3_hucrl.registry import Registry
 
-#: planners by their names
-PLANNERS: dict[str, Callable[..., Planner]] = {
-    "random_shooting": RandomShooting,
-    "cem": CEM,
-    "icem": ICEM,
-    "mppi": MPPI,
-    "ilqr": ILQR,
-}
+#: planners by name
+PLANNERS: Registry[Planner] = Registry(
+    "planner", {"random_shooting": RandomShooting, "cem": CEM, "icem": ICEM, "mppi": MPPI, "ilqr": ILQR}
+)
 
 
 def make_planner(name: str, **kwargs: Any) -> Planner:
     """
-    Build a planner by its name.
+    Build a planner by name.
 
-    :param name: a key of :data:`PLANNERS`
+    :param name: registered in :data:`PLANNERS`
     :param kwargs: arguments of the planner's class
-    :raises ValueError: if the name is unknown
+    :raises ValueError: if the name is unknown or an argument is out of range
     """
-    if name not in PLANNERS:
-        raise ValueError(f"unknown planner {name!r}: choose one of {sorted(PLANNERS)}")
-    return PLANNERS[name](**kwargs)
+    return PLANNERS.make(name, **kwargs)

@@ -1,43 +1,41 @@
-"""How the callback's arguments become a planner at work."""
+"""Settings of planning online, and how they become a policy that plans."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
 
-from gymnasium import spaces
-from stable_baselines3.common.base_class import BaseAlgorithm
-
-from sb3_hucrl.dynamics import Predictor
-from sb3_hucrl.exploration import ExplorationStrategy
-from sb3_hucrl.hallucinated_system import HallucinatedSystem
-from sb3_hucrl.planning.base import Bounds
+from sb3_hucrl.imagination import World
 from sb3_hucrl.planning.mpc import MPCPolicy
+from sb3_hucrl.planning.policy import PlannedPolicy
 from sb3_hucrl.planning.policy_variables import PolicyNoise, PolicyParameters
+from sb3_hucrl.planning.problem import PlanningProblem
+from sb3_hucrl.planning.proposal import Bounds
 from sb3_hucrl.planning.registry import make_planner
-from sb3_hucrl.planning.rollouts import PlanningProblem
-from sb3_hucrl.planning.sb3_policy import SB3Policy
 from sb3_hucrl.planning.variables import ActionSequence, DecisionVariables
-from sb3_hucrl.tasks.base import Task
 
 
 class PlanningSettings(ABC):
     """
     What is planned at every real step, and how.
 
-    :param rollouts: trajectories over which the return of a plan is averaged
+    :param rollouts: number of trajectories over which the return of a plan is averaged
     """
 
     def __init__(self, rollouts: int) -> None:
         self.rollouts = rollouts
 
+    @property
+    def needs_policy(self) -> bool:
+        """Whether plans are changes to a policy, which then plays itself in episodes that explore."""
+        return False
+
     @abstractmethod
-    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
+    def build(self, world: World, policy: PlannedPolicy | None, seed: int) -> MPCPolicy:
         """
-        :param system: in which is planned
-        :param model: SB3 algorithm that trains meanwhile
+        :param world: in which plans are tried
+        :param policy: to plan around; None where :attr:`needs_policy` is False
         :param seed: of all randomness
         :raises ValueError: if these do not fit together
         """
@@ -51,7 +49,7 @@ class HMPCSettings(PlanningSettings):
     :param planner: name of a planner, a key of :data:`sb3_hucrl.planning.PLANNERS`
     :param horizon: N, steps that are planned ahead
     :param gamma: discount of imagined rewards
-    :param rollouts: trajectories over which the return of a plan is averaged
+    :param rollouts: number of trajectories over which the return of a plan is averaged
     :param planner_kwargs: further arguments of the planner
     :raises ValueError: if the planner is unknown or a number out of its range
     """
@@ -63,24 +61,24 @@ class HMPCSettings(PlanningSettings):
         self._horizon, self._gamma = horizon, gamma
         self._planner = make_planner(planner, **planner_kwargs)
 
-    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
-        variables = ActionSequence(self._horizon, Bounds(system.low, system.high))
-        problem = PlanningProblem(system, variables, self._gamma, rollouts=self.rollouts)
+    def build(self, world: World, policy: PlannedPolicy | None, seed: int) -> MPCPolicy:
+        variables = ActionSequence(self._horizon, Bounds(world.low, world.high))
+        problem = PlanningProblem(world, variables, self._gamma, rollouts=self.rollouts)
         return MPCPolicy(problem, self._planner, seed)
 
 
 class DynaMPCSettings(PlanningSettings):
     """
-    Planning around an SB3 policy, and bootstrapping with its critic: Dyna-MPC (Algorithm 7). Without the bootstrap it
-    is POPLIN (Wang and Ba 2019), in policy-noise or policy-parameter space.
+    Planning around a policy, with its critic as terminal value: Dyna-MPC (Algorithm 7). Without the critic it is POPLIN
+    (Wang and Ba 2019), in policy-noise or policy-parameter space.
 
     :param horizon: N, steps that are planned ahead
     :param samples: plans per real step and iteration, besides the policy's own actions
     :param planner: name of a planner, a key of :data:`sb3_hucrl.planning.PLANNERS`
     :param space: whether plans change the policy's actions (``"noise"``) or its parameters (``"parameters"``)
-    :param std: size of these changes: a share of the actions' range, or in units of the parameters
-    :param bootstrap: whether the critic says what follows the horizon
-    :param rollouts: trajectories over which the return of a plan is averaged
+    :param std: size of these changes: a fraction of the actions' range, or in units of the parameters
+    :param bootstrap: whether the critic values what follows the horizon
+    :param rollouts: number of trajectories over which the return of a plan is averaged
     :param planner_kwargs: further arguments of the planner
     :raises ValueError: if the planner is unknown or a number out of its range
     """
@@ -104,18 +102,22 @@ class DynaMPCSettings(PlanningSettings):
         self._horizon, self._space, self._std, self._bootstrap = horizon, space, std, bootstrap
         self._planner = make_planner(planner, num_particles=samples, **planner_kwargs)
 
-    def build(self, system: HallucinatedSystem, model: BaseAlgorithm, seed: int) -> MPCPolicy:
-        policy = SB3Policy(model)
+    @property
+    def needs_policy(self) -> bool:
+        return True
+
+    def build(self, world: World, policy: PlannedPolicy | None, seed: int) -> MPCPolicy:
+        if policy is None:
+            raise ValueError("Dyna-MPC needs a policy to plan around: use planner (H-MPC) instead of dyna_mpc")
         variables: DecisionVariables
         if self._space == "noise":
-            bounds = Bounds(system.low, system.high)
-            variables = PolicyNoise(self._horizon, bounds, policy, system.task, self._std)
+            bounds = Bounds(world.low, world.high)
+            variables = PolicyNoise(self._horizon, bounds, policy, world.task, self._std)
         else:
-            variables = PolicyParameters(self._horizon, policy, system.task, self._std)
+            variables = PolicyParameters(self._horizon, policy, world.task, self._std)
         value = policy.value() if self._bootstrap else None
-        # The critic counts in discounted rewards; where there is none, there is nothing to agree with.
-        gamma = getattr(model, "gamma", 1.0)
-        return MPCPolicy(PlanningProblem(system, variables, gamma, value, self.rollouts), self._planner, seed)
+        problem = PlanningProblem(world, variables, policy.gamma, value, self.rollouts)
+        return MPCPolicy(problem, self._planner, seed)
 
 
 def planning_settings(
@@ -137,29 +139,3 @@ def planning_settings(
     if planner_kwargs:
         raise ValueError(f"planner_kwargs are {dict(planner_kwargs)}, but there is no planner: say planner: icem")
     return None
-
-
-@dataclass(frozen=True)
-class PlanningRecipe:
-    """
-    All that planning needs besides a dynamics model.
-
-    :param settings: what is planned, and how
-    :param strategy: turns prediction and a′ into the next state
-    :param task: known reward, termination and observation
-    """
-
-    settings: PlanningSettings
-    strategy: ExplorationStrategy
-    task: Task
-
-    def build(self, predictor: Predictor, action_space: spaces.Box, model: BaseAlgorithm, seed: int) -> MPCPolicy:
-        """
-        :param predictor: the learned dynamics, or a sample of it
-        :param action_space: of (a, a′)
-        :param model: SB3 algorithm that trains meanwhile
-        :param seed: of all randomness
-        :raises ValueError: if these do not fit together
-        """
-        system = HallucinatedSystem(predictor, self.strategy, self.task, action_space)
-        return self.settings.build(system, model, seed)

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 import torch as th
 
-from sb3_hucrl.planning.base import Bounds, Proposal
+from sb3_hucrl.planning.proposal import Bounds, Proposal
 
 
 class DecisionVariables(ABC):

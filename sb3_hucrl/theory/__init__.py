@@ -1,6 +1,6 @@
 """The paper's theory as functions. :mod:`sb3_hucrl.theory.bandit`, which needs a model, is not imported from here."""
 
-from sb3_hucrl.theory.confidence import confidence_width
+from sb3_hucrl.dynamics.confidence import confidence_width
 from sb3_hucrl.theory.domain import domain_radius, noise_bound, noise_bound_over_time, noise_sum_bound, state_deviation
 from sb3_hucrl.theory.information import greedy_information_gains, information_capacity, information_gain
 from sb3_hucrl.theory.lipschitz import LipschitzEstimate, estimate_lipschitz

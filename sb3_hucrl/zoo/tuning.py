@@ -11,8 +11,8 @@ import optuna
 from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_hucrl.starts import StartStates
-from sb3_hucrl.state import get_state
+from sb3_hucrl.imagination import StartStates
+from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.tasks.registry import find_task
 
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"

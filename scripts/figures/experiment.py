@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import tempfile
 from dataclasses import astuple, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 
 from benchmark import Run, callback_settings, command
 from figures.trajectories import trajectories
 from results_table import commit, real_episodes
+from sb3_hucrl.files import replacing
 from sb3_hucrl.runs import ZooRun
 
 PENDULUM = "HUCRL-Pendulum-v0"
@@ -39,10 +39,9 @@ def write_whole(rows: pd.DataFrame, path: Path) -> None:
     :param rows: of the CSV
     :param path: is compressed if it ends in .gz
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{os.getpid()}-{path.name}")
-    rows.to_csv(unfinished, index=False)
-    unfinished.replace(path)
+    compression: Literal["gzip"] | None = "gzip" if path.suffix == ".gz" else None
+    with replacing(path) as file:
+        rows.to_csv(file, index=False, compression=compression)
 
 
 def run_process(words: list[str], name: str) -> None:

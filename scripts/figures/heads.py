@@ -124,4 +124,5 @@ class BestHead:
         table = best.pivot_table(
             index=["action_penalty", "searched", "episode"], columns="seed", values="imagined_return"
         )
-        return table.round(0).to_string()
+        text: str = table.round(0).to_string()
+        return text

@@ -11,6 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from figures.job import Job
+from sb3_hucrl.files import replacing
 
 SCRIPTS = Path(__file__).parent.parent
 #: how often a job that was killed is tried again
@@ -106,7 +107,5 @@ def _keep(files: dict[str, bytes], job: Job, folder: Path) -> None:
         path = folder / name
         if path.exists():
             continue
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_name(f"{os.getpid()}-{path.name}")
-        unfinished.write_bytes(content)
-        unfinished.replace(path)
+        with replacing(path) as file:
+            file.write(content)

@@ -7,19 +7,19 @@ import pandas as pd
 import torch as th
 
 from sb3_hucrl.data import Transitions
-from sb3_hucrl.state import HUCRLState
+from sb3_hucrl.loop import HUCRLState
 
 
 def trajectories(state: HUCRLState) -> pd.DataFrame:
     """
-    :param state: of a run that searched before all real episodes but the first ones
+    :param state: of a run
     :return: one row for each step; ``imagined`` episodes have the number of the real one that they came before
     """
     ends = np.cumsum(state.dataset.lengths)
     real = [state.dataset.transitions[slice(end - n, end)] for n, end in zip(state.dataset.lengths, ends, strict=True)]
-    imagined = enumerate(state.imagined_episodes, 1 + len(real) - len(state.imagined_episodes))
     parts = [_rows("real", number, episode) for number, episode in enumerate(real, 1)]
-    return pd.concat([*parts, *(_rows("imagined", number, episode) for number, episode in imagined)])
+    imagined = [_rows("imagined", each.real_episode, each.transitions) for each in state.imagined_episodes]
+    return pd.concat([*parts, *imagined])
 
 
 def _rows(kind: str, number: int, episode: Transitions) -> pd.DataFrame:

@@ -24,8 +24,8 @@ class StartStates:
     - ``exploratory``: the task's own distribution, where it has one.
 
     :param dataset: the real transitions; those appended later count too
-    :param task: asked for its exploratory states
-    :param weights: relative weight of each kind; by default the same for all that the task allows
+    :param task: has the exploratory states
+    :param weights: relative weight of each kind; by default all kinds that the task allows weigh the same
     :raises ValueError: if a kind is unknown or impossible, a weight negative, or no weight positive
     """
 
@@ -49,16 +49,18 @@ class StartStates:
         self._task = task
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
 
-    @property
-    def visited_states(self) -> th.Tensor:
-        """Every real state so far, before and after each step, with the step's outcomes; shape (2n, p + c)."""
-        return th.cat([self._dataset.transitions.states, self._dataset.transitions.next_states])
+    def only(self, kind: str) -> StartStates:
+        """
+        :param kind: one of :attr:`KINDS`
+        :return: start states of this kind alone
+        """
+        return StartStates(self._dataset, self._task, {kind: 1.0})
 
     def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
         """
         :param n: how many
         :param generator: draws them, on the CPU
-        :return: states of shape (n, p + c), and whether each is an initial one, shape (n,)
+        :return: states, shape (n, p + c), and which of them are initial ones, shape (n,)
         :raises ValueError: if there are no real transitions yet
         """
         if len(self._dataset) == 0:

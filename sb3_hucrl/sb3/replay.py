@@ -1,4 +1,4 @@
-"""What an off-policy algorithm replays besides fresh imagination: real transitions, and what older models imagined."""
+"""Replay buffers with real transitions, and with what is kept of older imagination."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from sb3_hucrl.tasks.base import Task
 COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def keep_latest(buffer: ReplayBuffer, share: float) -> None:
+def keep_latest(buffer: ReplayBuffer, fraction: float) -> None:
     """
-    Drop what a replay buffer has held longest.
+    Keep a fraction of a replay buffer, newest first.
 
     :param buffer: of the algorithm, between two of its rollouts
-    :param share: of its steps that stays, the latest ones; in [0, 1]
+    :param fraction: of its steps that is kept, in [0, 1]
     """
-    kept = int(share * buffer.size())
+    kept = int(fraction * buffer.size())
     rows = (buffer.pos - kept + np.arange(kept)) % buffer.buffer_size
     for name in COLUMNS if kept else ():
         column = getattr(buffer, name)
@@ -40,10 +40,10 @@ def real_buffer(
     like: ReplayBuffer, dataset: TransitionDataset, task: Task, action_space: spaces.Box, rng: np.random.Generator
 ) -> ReplayBuffer:
     """
-    Real transitions as a replay buffer. The hallucinated actions that they never had are drawn from a standard normal
-    distribution and clipped to [-1, 1] (appendix C.1).
+    Real transitions as a replay buffer. Their hallucinated actions are drawn from a standard normal distribution and
+    clipped to [-1, 1] (appendix C.1).
 
-    :param like: the algorithm's own, whose kind and number of steps are taken over
+    :param like: the algorithm's own, which gives class and number of steps
     :param dataset: the real transitions
     :param task: maps states to observations
     :param action_space: of (a, a′)
@@ -75,22 +75,17 @@ def real_buffer(
 
 class MixedReplayBuffer(ReplayBuffer):
     """
-    The algorithm's replay buffer with a share of real transitions in every batch.
+    The algorithm's replay buffer, with a fraction of real transitions in every batch. Its own storage is one empty row:
+    everything is kept in the two buffers that it is made of.
 
-    :param imagined: the algorithm's own; everything but sampling is left to it
-    :param fraction: share of real transitions, in [0, 1]
+    :param imagined: the algorithm's own; new transitions go there
+    :param real: real transitions
+    :param fraction: fraction of real transitions in a batch, in [0, 1]
     """
 
-    def __init__(self, imagined: ReplayBuffer, fraction: float) -> None:
-        # Not initialised as a buffer: it stores nothing itself.
-        self.imagined = imagined
-        self.fraction = fraction
-        self.real: ReplayBuffer | None = None
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "imagined":
-            raise AttributeError(name)  # while being unpickled
-        return getattr(self.imagined, name)
+    def __init__(self, imagined: ReplayBuffer, real: ReplayBuffer, fraction: float) -> None:
+        super().__init__(1, imagined.observation_space, imagined.action_space, imagined.device, n_envs=imagined.n_envs)
+        self.imagined, self.real, self.fraction = imagined, real, fraction
 
     def add(
         self,
@@ -110,8 +105,8 @@ class MixedReplayBuffer(ReplayBuffer):
         return self.imagined.size()
 
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
-        num_real = 0 if self.real is None else round(self.fraction * batch_size)
-        if self.real is None or num_real == 0:
+        num_real = round(self.fraction * batch_size)
+        if num_real == 0:
             return self.imagined.sample(batch_size, env)
         real = self.real.sample(num_real, env)
         if num_real == batch_size:

@@ -1,4 +1,4 @@
-"""How unsure the model is of what was done, and where imagination stops trusting it."""
+"""Epistemic uncertainty along transitions, and a limit on it that is learned from the real ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import torch as th
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.dynamics.base import Predictor
 
-#: the share of real transitions whose uncertainty counts as ordinary
+#: fraction of the real transitions whose uncertainty counts as ordinary
 QUANTILE = 0.95
 
 
@@ -24,12 +24,12 @@ def epistemic_std(model: Predictor, transitions: Transitions) -> th.Tensor:
 
 def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float) -> th.Tensor:
     """
-    A limit learned from the data, as in MACURA (Frauenknecht et al. 2024): a multiple of the epistemic std that 95 % of
-    the real transitions stay below.
+    A multiple of the epistemic std that 95 % of the real transitions stay below, as in MACURA (Frauenknecht et al.
+    2024).
 
     :param model: newly fitted
     :param transitions: all real ones
-    :param multiple: of the quantile
+    :param multiple: of that quantile
     :return: one limit per state dimension, shape (p,)
     """
     return multiple * epistemic_std(model, transitions).quantile(QUANTILE, dim=0)

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import nn
 from torch.func import functional_call, vmap
 
-from sb3_hucrl.planning.base import Bounds
+from sb3_hucrl.planning import Bounds
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 
 
@@ -30,7 +30,7 @@ class _Mode(nn.Module):
 
 class SB3Policy:
     """
-    What planners ask of a policy.
+    An SB3 algorithm's policy and critic, as :class:`sb3_hucrl.planning.PlannedPolicy`.
 
     :param model: SB3 algorithm, whose later gradient steps count too
     :raises ValueError: if its policy is no function of the observation alone, or not in torch
@@ -48,6 +48,12 @@ class SB3Policy:
         box = require_bounded_box(policy.action_space)
         self._bounds = Bounds(*(th.as_tensor(limit, device=model.device) for limit in (box.low, box.high)))
         self._normalizer: VecNormalize | None = model.get_vec_normalize_env()
+        self._gamma = float(getattr(model, "gamma", 1.0))
+
+    @property
+    def gamma(self) -> float:
+        """The discount that the critic was trained with; 1 where the algorithm has none."""
+        return self._gamma
 
     def _evaluate(self) -> None:
         # Not every time: it visits every module.

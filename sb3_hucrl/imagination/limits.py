@@ -1,0 +1,71 @@
+"""How far imagination may leave what was seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch as th
+
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics import Predictor
+from sb3_hucrl.imagination.uncertainty import epistemic_limit
+from sb3_hucrl.tasks.base import Task
+
+#: distance from the visited states that an imagined state may reach, in widths of the visited range
+REACH = 10.0
+#: the same for outcomes such as a learned reward, which the search seeks out
+OUTCOME_REACH = 1.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    The plausible range of states and the uncertainty at which trajectories end. The default has no limits.
+
+    :param low: lower bound of the p predicted dimensions, shape (p,), or None
+    :param high: upper bound, shape (p,), or None
+    :param max_epistemic_std: a trajectory is truncated where any dimension exceeds this, shape (p,); None for never
+    """
+
+    low: th.Tensor | None = None
+    high: th.Tensor | None = None
+    max_epistemic_std: th.Tensor | None = None
+
+    @classmethod
+    def from_data(cls, dataset: TransitionDataset, task: Task, model: Predictor, cap: float | None) -> Limits:
+        """
+        A box around all visited states, wide enough never to bind while the predictions are sensible: it keeps an
+        extrapolating ensemble, and the critic with it, from diverging. Angles and constant dimensions are free.
+
+        :param dataset: all real transitions
+        :param task: says which dimensions are angles and outcomes
+        :param model: newly fitted
+        :param cap: see :func:`sb3_hucrl.imagination.epistemic_limit`; None for no limit on the uncertainty
+        """
+        p, outcomes = task.state_dim, task.outcome_dim
+        real = dataset.transitions
+        visited = th.cat([real.states[:, :p], real.next_states[:, :p]])
+        low, high = visited.amin(dim=0), visited.amax(dim=0)
+        margin = REACH * (high - low)
+        margin[p - outcomes :] *= OUTCOME_REACH / REACH
+        margin[margin == 0] = th.inf
+        margin[list(task.angle_dims)] = th.inf
+        device = model.device
+        max_epistemic_std = None if cap is None else epistemic_limit(model, real, cap)
+        return cls((low - margin).to(device), (high + margin).to(device), max_epistemic_std)
+
+    def clamp(self, state: th.Tensor) -> th.Tensor:
+        """
+        :param state: predicted, shape (B, p)
+        :return: the nearest plausible state
+        """
+        return state if self.low is None else state.clamp(self.low, self.high)
+
+    def exceeded(self, epistemic_std: th.Tensor) -> th.Tensor | None:
+        """
+        :param epistemic_std: of a step, shape (B, p)
+        :return: where the model is too uncertain, shape (B,), boolean; None where there is no such limit
+        """
+        if self.max_epistemic_std is None:
+            return None
+        return (epistemic_std > self.max_epistemic_std).any(dim=1)

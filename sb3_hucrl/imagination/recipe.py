@@ -1,0 +1,94 @@
+"""How a World is made from what has been learned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch as th
+from gymnasium import spaces
+
+from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.dynamics import DynamicsModel, Predictor
+from sb3_hucrl.exploration import ExplorationStrategy
+from sb3_hucrl.imagination.limits import Limits
+from sb3_hucrl.imagination.starts import StartStates
+from sb3_hucrl.imagination.world import World
+from sb3_hucrl.tasks.base import Task
+
+
+class Learned(Protocol):
+    """What a run has learned, as far as imagination needs it."""
+
+    dataset: TransitionDataset
+    dynamics: DynamicsModel
+    generator: th.Generator
+    real_episodes: int
+
+    def draw_seed(self) -> int:
+        """A fresh seed."""
+
+
+@dataclass(frozen=True)
+class WorldRecipe:
+    """
+    The parts of a :class:`World` that stay the same from refit to refit.
+
+    :param strategy: turns prediction and a′ into the next state
+    :param task: reward, termination and observation
+    :param action_space: of (a, a′)
+    :param horizon: steps after which a trajectory is truncated
+    :param start_states: weights of the kinds of start states, see :class:`StartStates`
+    :param uncertainty_cap: multiple of the usual uncertainty at which trajectories end, see :func:`epistemic_limit`;
+        None for never
+    """
+
+    strategy: ExplorationStrategy
+    task: Task
+    action_space: spaces.Box
+    horizon: int
+    start_states: Mapping[str, float] | None = None
+    uncertainty_cap: float | None = None
+
+    def starts(self, learned: Learned) -> StartStates:
+        """
+        :param learned: its dataset may still be empty, and grow
+        :raises ValueError: if the weights do not fit the task
+        """
+        return StartStates(learned.dataset, self.task, self.start_states)
+
+    def draft(self, learned: Learned, starts: StartStates) -> World:
+        """
+        A World around a model that may not be fitted yet: to see whether all parts fit together before any real step.
+
+        :param learned: so far
+        :param starts: of all worlds of a run
+        :raises ValueError: if they do not
+        """
+        return self._world(learned, starts, learned.dynamics, self.strategy, Limits())
+
+    def world(self, learned: Learned, starts: StartStates, num_samples: int) -> World:
+        """
+        The World of the next search.
+
+        :param learned: with a newly fitted model
+        :param starts: of all worlds of a run
+        :param num_samples: number of posterior samples, where the strategy gives each trajectory one of its own
+        """
+        model = learned.dynamics
+        limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap)
+        strategy = self.strategy.adapted(model, learned.real_episodes)
+        predictor = strategy.predictor(model, num_samples, learned.generator)
+        return self._world(learned, starts, predictor, strategy, limits)
+
+    def _world(
+        self,
+        learned: Learned,
+        starts: StartStates,
+        predictor: Predictor,
+        strategy: ExplorationStrategy,
+        limits: Limits,
+    ) -> World:
+        seed = learned.draw_seed()
+        return World(predictor, strategy, self.task, self.action_space, self.horizon, starts, limits, seed)

@@ -1,0 +1,207 @@
+"""The outer loop of H-UCRL (Algorithm 2), whoever searches the policy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch as th
+
+from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.dynamics import make_dynamics
+from sb3_hucrl.imagination import (
+    BatchActor,
+    World,
+    WorldRecipe,
+    epistemic_std,
+    imagine_episode,
+    imagined_return,
+)
+from sb3_hucrl.loop.actors import Actor, one_by_one, random_actor
+from sb3_hucrl.loop.episodes import RealSystem, collect_episode
+from sb3_hucrl.loop.problem import Problem
+from sb3_hucrl.loop.report import Report
+from sb3_hucrl.loop.search import Search
+from sb3_hucrl.loop.selection import choose_policy
+from sb3_hucrl.loop.settings import Settings
+from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
+from sb3_hucrl.seeding import seeded_generator
+
+#: imagined trajectories by which a policy is judged
+JUDGED = 32
+
+
+class Loop:
+    """
+    Alternates real episodes with policy search in a learned World::
+
+        loop = Loop(settings, Problem.from_env(env, settings.model), env, seed=0)
+        loop.begin()
+        for _ in range(10):
+            world = loop.begin_search()
+            ...  # search a policy in the world
+            loop.play(policy)
+            loop.refit()
+
+    A :class:`Search` takes the place of the last two lines with :meth:`end_search`, which also chooses among the
+    policies found so far, and records what the model promised. The loop owns what is learned (:attr:`state`) and knows
+    no other library.
+
+    :param settings: of real episodes, search, model and planning
+    :param problem: what is known of the environment
+    :param real: the real system
+    :param state: to go on with, or None to begin afresh
+    :param seed: of a fresh state; None for a random one
+    :param device: of the dynamics model
+    :param on_episode: called after each real episode, for example to save
+    :param on_refit: called with a report after each refit
+    :raises ValueError: if settings, problem and state do not fit together; no real step has been taken then
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        problem: Problem,
+        real: RealSystem,
+        state: HUCRLState | None = None,
+        seed: int | None = None,
+        device: th.device | str = "cpu",
+        on_episode: Callable[[], None] = lambda: None,
+        on_refit: Callable[[Report], None] = lambda report: None,
+    ) -> None:
+        self.settings, self.problem, self._real = settings, problem, real
+        self._on_episode, self._on_refit = on_episode, on_refit
+        self.state = self._fresh_state(seed) if state is None else state
+        self._require_same_dimensions()
+        self.state.dynamics.to(device)
+        search = settings.search
+        self.recipe = WorldRecipe(
+            search.strategy,
+            problem.task,
+            problem.action_space,
+            search.horizon or problem.episode_length,
+            search.start_states,
+            search.uncertainty_cap,
+        )
+        self._starts = self.recipe.starts(self.state)
+        #: what is imagined now; before the first search a draft around the unfitted model
+        self.world: World = self.recipe.draft(self.state, self._starts)
+        #: whether a real episode has reached the ``reward_threshold``
+        self.solved = False
+        self._scalars: dict[str, float] = {}
+        self._rollout_seconds = 0.0
+        self._search_started = time.perf_counter()
+
+    def _fresh_state(self, seed: int | None) -> HUCRLState:
+        generator = seeded_generator(seed)
+        task, action_dim, settings = self.problem.task, self.problem.action_dim, self.settings.model
+        dataset_seed = int(th.randint(2**31, (), generator=generator))
+        dataset = TransitionDataset(task.width, action_dim, seed=dataset_seed)
+        dynamics = settings.dynamics
+        if isinstance(dynamics, str):
+            kwargs = settings.dynamics_kwargs or {}
+            dynamics = make_dynamics(dynamics, task.state_dim, action_dim, task.angle_dims, generator, **kwargs)
+        return HUCRLState(dataset, dynamics, generator)
+
+    def _require_same_dimensions(self) -> None:
+        dataset = self.state.dataset
+        found, expected = (dataset.state_dim, dataset.action_dim), (self.problem.task.width, self.problem.action_dim)
+        if found != expected:
+            raise ValueError(
+                f"the loaded model carries transitions with (state, action) dimensions {found}, this environment has "
+                f"{expected}: load a model that was trained on this environment"
+            )
+
+    def begin(self) -> None:
+        """Play the random real episodes that are still missing, and fit the model to what it has not seen."""
+        act = random_actor(self.problem.action_space, self.state.generator)
+        for _ in range(self.state.real_episodes, self.settings.real.initial_episodes):
+            self._play(act)
+        if self.state.fitted_steps < len(self.state.dataset):
+            self.refit()
+
+    def begin_search(self, num_trajectories: int = 1) -> World:
+        """
+        :param num_trajectories: number of trajectories that will be imagined in parallel
+        :return: the World to search in until the next refit
+        """
+        planning = self.settings.planning
+        num_samples = max(num_trajectories, planning.rollouts if planning else 1)
+        self.world = self.recipe.world(self.state, self._starts, num_samples)
+        self._note("hucrl", self.state.dynamics.diagnostics())
+        self._note("hucrl", self.world.strategy.diagnostics())
+        self._search_started = time.perf_counter()
+        return self.world
+
+    def end_search(self, search: Search, deterministic: bool) -> None:
+        """
+        Play real episodes with what was found, and refit.
+
+        :param search: of a policy in :attr:`world`
+        :param deterministic: whether to play the mode of the best policy so far, or to sample the present one
+        """
+        self._scalars["time/search_seconds"] = time.perf_counter() - self._search_started
+        if deterministic and search.parameters() is not None:
+            self.state.best, promised = choose_policy(
+                search,
+                self.state.best,
+                lambda: imagined_return(
+                    self.world.from_real_starts().trajectories(JUDGED, seed=0), search.actor(deterministic=True)
+                ),
+            )
+            self._scalars["imagined/mode_return"] = promised
+        uncertainties = []
+        for _ in range(self.settings.real.real_episodes):
+            planner = search.planner(deterministic)
+            if planner is None:
+                uncertainties.append(self._imagine(search.actor(deterministic)))
+            self.play(planner or search.actor(deterministic))
+        if uncertainties:
+            self._scalars["imagined/epistemic_std"] = float(np.mean(uncertainties))
+        self._note("imagined", search.diagnostics())
+        self.refit()
+
+    def _imagine(self, act: BatchActor) -> float:
+        """Record what the model promises of the next real episode. Returns the mean epistemic std along it."""
+        episode = imagine_episode(self.world.from_real_starts().trajectories(1, seed=0), act)
+        self.state.imagined_episodes.append(ImaginedEpisode(self.state.real_episodes + 1, episode))
+        # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
+        return float(epistemic_std(self.state.dynamics, episode).mean())
+
+    def play(self, act: BatchActor) -> Transitions:
+        """
+        Play one real episode, and remember it for the next refit.
+
+        :param act: chooses the actions, of a batch of one
+        :return: the episode
+        """
+        return self._play(one_by_one(act))
+
+    def _play(self, act: Actor) -> Transitions:
+        started, state = time.perf_counter(), self.state
+        episode = collect_episode(self._real, act, self.problem.task, self.problem.action_dim)
+        state.dataset.append_episode(episode)
+        state.real_episodes += 1
+        state.last_return = float(episode.rewards.sum(dtype=th.float64))
+        threshold = self.settings.real.reward_threshold
+        self.solved |= threshold is not None and state.last_return >= threshold
+        self._rollout_seconds += time.perf_counter() - started
+        self._on_episode()
+        return episode
+
+    def refit(self) -> None:
+        """Fit the dynamics model to all real transitions, and report."""
+        started, state = time.perf_counter(), self.state
+        # A search that needs no gradients, such as ARS, may have switched them off.
+        with th.enable_grad():
+            fit = state.dynamics.fit(state.dataset, state.generator)
+        state.fitted_steps = len(state.dataset)
+        self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
+        self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
+        self._on_refit(Report(self._scalars, fit))
+        self._scalars, self._rollout_seconds = {}, 0.0
+
+    def _note(self, group: str, values: dict[str, Any]) -> None:
+        self._scalars.update({f"{group}/{name}": value for name, value in values.items()})

@@ -1,0 +1,117 @@
+"""Settings of the outer loop, in four groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sb3_hucrl.dynamics import DynamicsModel, require_known
+from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
+from sb3_hucrl.planning import PlanningSettings
+from sb3_hucrl.tasks import Task
+
+
+def _require_at_least_one(**counts: int | None) -> None:
+    for name, count in counts.items():
+        if count is not None and count < 1:
+            raise ValueError(f"{name} is {count}: give at least 1")
+
+
+def _require_fraction(**fractions: float) -> None:
+    for name, fraction in fractions.items():
+        if not 0 <= fraction <= 1:
+            raise ValueError(f"{name} is {fraction}: give a fraction between 0 and 1")
+
+
+@dataclass(frozen=True)
+class RealSettings:
+    """
+    Real episodes.
+
+    :param initial_episodes: random ones before the first search, at least 1
+    :param real_episodes: after each search, at least 1
+    :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
+    :param reward_threshold: a return that ends the training; None for none
+    :raises ValueError: if a number is out of its range
+    """
+
+    initial_episodes: int = 1
+    real_episodes: int = 1
+    sampling_fraction: float = 0.5
+    reward_threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_at_least_one(initial_episodes=self.initial_episodes, real_episodes=self.real_episodes)
+        _require_fraction(sampling_fraction=self.sampling_fraction)
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """
+    Policy search in imagination.
+
+    :param strategy: how imagination uses uncertainty
+    :param imagined_steps: timesteps between real episodes, over all imagined trajectories
+    :param horizon: length of an imagined trajectory; None for that of a real episode
+    :param start_states: weights of the kinds of start states, see :class:`sb3_hucrl.imagination.StartStates`
+    :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
+    :param stale_fraction: fraction of its replay buffer kept after a refit, newest first, in [0, 1]
+    :param uncertainty_cap: multiple of the usual uncertainty at which trajectories are truncated; None for never
+    :raises ValueError: if a number is out of its range
+    """
+
+    strategy: ExplorationStrategy = field(default_factory=Optimistic)
+    imagined_steps: int = 25_600
+    horizon: int | None = None
+    start_states: Mapping[str, float] | None = None
+    real_data_fraction: float = 0.0
+    stale_fraction: float = 0.0
+    uncertainty_cap: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_at_least_one(imagined_steps=self.imagined_steps, horizon=self.horizon)
+        _require_fraction(real_data_fraction=self.real_data_fraction, stale_fraction=self.stale_fraction)
+        cap = self.uncertainty_cap
+        if cap is not None and not cap > 0:
+            raise ValueError(f"uncertainty_cap is {cap}: give a positive multiple, or None for no cap")
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """
+    What is learned, and what is known.
+
+    :param dynamics: name of a dynamics model, or a model
+    :param dynamics_kwargs: arguments of the named model
+    :param task: a task, the place to import one from, ``"learned"``, or None for the one registered with the
+        environment's id
+    :param task_kwargs: arguments of an imported or learned task
+    :raises ValueError: if the name of the model is unknown
+    """
+
+    dynamics: str | DynamicsModel = "ensemble"
+    dynamics_kwargs: Mapping[str, Any] | None = None
+    task: Task | str | None = None
+    task_kwargs: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.dynamics, str):
+            require_known(self.dynamics)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """
+    All settings of the outer loop.
+
+    :param real: real episodes
+    :param search: policy search in imagination
+    :param model: dynamics model and task
+    :param planning: planning of real episodes; None for none
+    """
+
+    real: RealSettings = field(default_factory=RealSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    model: ModelSettings = field(default_factory=ModelSettings)
+    planning: PlanningSettings | None = None

@@ -1,0 +1,31 @@
+"""SB3 algorithms as policy searches of the loop: the only room that touches SB3's private attributes."""
+
+from sb3_hucrl.sb3.actors import planner_actor, policy_actor
+from sb3_hucrl.sb3.checkpoint import save_atomically
+from sb3_hucrl.sb3.logging import csv_output, record
+from sb3_hucrl.sb3.loop import make_loop
+from sb3_hucrl.sb3.parameters import Parameters
+from sb3_hucrl.sb3.policy import SB3Policy
+from sb3_hucrl.sb3.replay import MixedReplayBuffer
+from sb3_hucrl.sb3.search import SB3Search, make_search
+from sb3_hucrl.sb3.stack import FirstEnv, find_imagination, read_problem
+from sb3_hucrl.sb3.state import attach_state, get_state
+
+__all__ = [
+    "FirstEnv",
+    "MixedReplayBuffer",
+    "Parameters",
+    "SB3Policy",
+    "SB3Search",
+    "attach_state",
+    "csv_output",
+    "find_imagination",
+    "get_state",
+    "make_loop",
+    "make_search",
+    "planner_actor",
+    "policy_actor",
+    "read_problem",
+    "record",
+    "save_atomically",
+]

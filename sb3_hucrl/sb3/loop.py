@@ -1,0 +1,44 @@
+"""The loop around an SB3 algorithm in training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from sb3_hucrl.loop import Loop, Report, Settings
+from sb3_hucrl.sb3.stack import FirstEnv, read_problem
+from sb3_hucrl.sb3.state import attach_state, get_state
+from sb3_hucrl.tasks import LearnedReward
+from sb3_hucrl.wrappers import ImaginationVecEnv
+
+
+def make_loop(
+    model: BaseAlgorithm,
+    env: ImaginationVecEnv,
+    settings: Settings,
+    on_episode: Callable[[], None],
+    on_refit: Callable[[Report], None],
+    verbose: int,
+) -> Loop:
+    """
+    A loop that goes on with what the algorithm carries, and otherwise begins with what it then carries.
+
+    :param model: in training
+    :param env: the ImaginationVecEnv that it trains on
+    :param settings: of the loop
+    :param on_episode: called after each real episode
+    :param on_refit: called with a report after each refit
+    :param verbose: 1 prints what is resumed
+    :raises ValueError: if environment, settings and what the algorithm carries do not fit together
+    """
+    problem = read_problem(env.venv, settings.model)
+    if isinstance(problem.task, LearnedReward):
+        model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
+    carried = get_state(model)
+    loop = Loop(settings, problem, FirstEnv(env.venv), carried, model.seed, model.device, on_episode, on_refit)
+    if carried is None:
+        attach_state(model, loop.state)
+    elif verbose > 0:
+        print(f"Resuming with {carried.real_episodes} real episodes, {len(carried.dataset)} real steps")
+    return loop

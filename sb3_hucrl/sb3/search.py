@@ -1,0 +1,203 @@
+"""Policy search by SB3 algorithms: one adapter for each kind, in the shape of :class:`sb3_hucrl.loop.Search`."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch as th
+from sb3_contrib import ARS
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+from sb3_hucrl.algorithms import HMPC
+from sb3_hucrl.imagination import BatchActor, World
+from sb3_hucrl.loop import Loop
+from sb3_hucrl.planning import MPCPolicy
+from sb3_hucrl.sb3.actors import planner_actor, policy_actor
+from sb3_hucrl.sb3.parameters import Parameters
+from sb3_hucrl.sb3.policy import SB3Policy
+from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
+from sb3_hucrl.wrappers import ImaginationVecEnv
+
+
+class SB3Search:
+    """
+    What all SB3 algorithms have in common.
+
+    :param model: in training
+    :param env: the ImaginationVecEnv that it trains on
+    :param loop: that the search belongs to
+    :raises ValueError: if the algorithm cannot search in imagination as it is set up
+    """
+
+    #: imagination steps all environments as one batch, which is slow with fewer
+    min_envs = 2
+    #: whether there is a policy to search; without one, a timestep stands for a whole search
+    has_policy = True
+
+    def __init__(self, model: BaseAlgorithm, env: ImaginationVecEnv, loop: Loop) -> None:
+        if env.num_envs < self.min_envs:
+            raise ValueError(
+                f"n_envs is {env.num_envs}: imagination steps all environments as one batch and needs at least "
+                f"{self.min_envs}; make 32 or so, for example make_vec_env(..., n_envs=32)"
+            )
+        self.model, self._env, self._loop = model, env, loop
+        self._planner: MPCPolicy | None = None
+        self._plan_in(loop.world)
+
+    def _plan_in(self, world: World) -> None:
+        """Make the planner anew; at the start around an unfitted model, so that what does not fit is found at once."""
+        settings = self._loop.settings.planning
+        if settings is not None:
+            policy = SB3Policy(self.model) if settings.needs_policy else None
+            self._planner = settings.build(world, policy, self._loop.state.fork_seed())
+
+    def restart(self, world: World) -> None:
+        """
+        Search in a new world from now on, with trajectories that begin there.
+
+        :param world: to search in
+        """
+        self._env.imagine(world)
+        self._plan_in(world)
+        self._renew_replay()
+        self._restart_trajectories()
+
+    def _renew_replay(self) -> None:
+        """Forget, where there is something to forget, what older worlds gave."""
+
+    def _restart_trajectories(self) -> None:
+        model = self.model
+        env = model.get_env()
+        assert env is not None  # an algorithm in training has one
+        # SB3 keeps the observation to act on next here, and resets it only when training begins.
+        model._last_obs = env.reset()  # type: ignore[assignment]  # typed without dictionary observations
+        model._last_episode_starts = np.ones((env.num_envs,), dtype=bool)
+
+    def actor(self, deterministic: bool) -> BatchActor:
+        """The policy, see :class:`sb3_hucrl.loop.Search`."""
+        return policy_actor(self.model, deterministic)
+
+    def planner(self, deterministic: bool) -> BatchActor | None:
+        """The planner, if any. An episode that samples the policy explores, which planning around it would undo."""
+        settings = self._loop.settings.planning
+        if self._planner is None or settings is None or (settings.needs_policy and not deterministic):
+            return None
+        return planner_actor(self._planner)
+
+    def parameters(self) -> Parameters | None:
+        """A copy of policy and critics."""
+        return Parameters.of(self.model)
+
+    def restore(self, parameters: Parameters) -> None:
+        """
+        :param parameters: the search goes on from them
+        """
+        parameters.restore(self.model)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Mean return of the latest trajectories that began where real episodes begin."""
+        trajectories = self._env.trajectories
+        if trajectories is None or not trajectories.initial_returns:
+            return {}
+        return {"return": float(np.mean(trajectories.initial_returns[-self._env.num_envs :]))}
+
+
+class OffPolicySearch(SB3Search):
+    """Algorithms with a replay buffer."""
+
+    model: OffPolicyAlgorithm
+
+    def __init__(self, model: OffPolicyAlgorithm, env: ImaginationVecEnv, loop: Loop) -> None:
+        buffer, settings = model.replay_buffer, loop.settings.search
+        if isinstance(buffer, DictReplayBuffer):
+            raise ValueError(
+                f"the replay buffer is a {type(buffer).__name__}, for observations that are dictionaries: imagination "
+                "has vectors; leave replay_buffer_class out (hindsight relabelling is not supported)"
+            )
+        mixes = settings.real_data_fraction > 0 or settings.stale_fraction > 0
+        if model.optimize_memory_usage and mixes:
+            raise ValueError(
+                "optimize_memory_usage stores no next observations, which real_data_fraction and stale_fraction need: "
+                "set optimize_memory_usage=False"
+            )
+        super().__init__(model, env, loop)
+
+    def _renew_replay(self) -> None:
+        loop, settings = self._loop, self._loop.settings.search
+        buffer = self.model.replay_buffer
+        assert buffer is not None  # an off-policy algorithm in training has one
+        imagined: ReplayBuffer = buffer.imagined if isinstance(buffer, MixedReplayBuffer) else buffer
+        # What the last model imagined may contradict the new one.
+        keep_latest(imagined, settings.stale_fraction)
+        if settings.real_data_fraction > 0:
+            rng = np.random.default_rng(loop.state.draw_seed())
+            real = real_buffer(imagined, loop.state.dataset, loop.problem.task, loop.problem.action_space, rng)
+            self.model.replay_buffer = MixedReplayBuffer(imagined, real, settings.real_data_fraction)
+        else:
+            self.model.replay_buffer = imagined
+
+    def _restart_trajectories(self) -> None:
+        super()._restart_trajectories()
+        # What goes into the replay buffer next is the observation before VecNormalize.
+        normalizer = self.model.get_vec_normalize_env()
+        if normalizer is not None:
+            self.model._last_original_obs = normalizer.get_original_obs()
+
+
+class OnPolicySearch(SB3Search):
+    """Algorithms with a rollout buffer."""
+
+    model: OnPolicyAlgorithm
+
+    def _restart_trajectories(self) -> None:
+        super()._restart_trajectories()
+        self.model.rollout_buffer.reset()
+
+
+class ARSSearch(SB3Search):
+    """Augmented random search, which evaluates its policies one after another."""
+
+    model: ARS
+    min_envs = 1
+
+    def restore(self, parameters: Parameters) -> None:
+        super().restore(parameters)
+        # It searches around this vector and overwrites the policy with it.
+        weights = th.nn.utils.parameters_to_vector(self.model.policy.parameters()).detach()
+        self.model.weights = weights  # type: ignore[assignment]  # typed as the None that it is at first
+
+
+class PlanningSearch(SB3Search):
+    """H-MPC, which plans and searches no policy."""
+
+    model: HMPC
+    min_envs = 1
+    has_policy = False
+
+    def _plan_in(self, world: World) -> None:
+        super()._plan_in(world)
+        self.model.planning, self.model.recipe = self._loop.settings.planning, self._loop.recipe
+        self.model.planner = self._planner
+
+    def parameters(self) -> None:
+        """Nothing: there is no policy to choose."""
+
+
+def make_search(model: BaseAlgorithm, env: ImaginationVecEnv, loop: Loop) -> SB3Search:
+    """
+    :param model: in training
+    :param env: the ImaginationVecEnv that it trains on
+    :param loop: that the search belongs to
+    :raises ValueError: if the algorithm cannot search in imagination as it is set up
+    """
+    if isinstance(model, HMPC):
+        return PlanningSearch(model, env, loop)
+    if isinstance(model, ARS):
+        return ARSSearch(model, env, loop)
+    if isinstance(model, OffPolicyAlgorithm):
+        return OffPolicySearch(model, env, loop)
+    if isinstance(model, OnPolicyAlgorithm):
+        return OnPolicySearch(model, env, loop)
+    return SB3Search(model, env, loop)
