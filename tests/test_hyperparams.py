@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import pytest
 import yaml
 from rl_zoo3.utils import ALGOS
 
-import sb3_hucrl.zoo  # noqa: F401  # for sbx's algorithms
-from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.envs import ENVIRONMENTS
-from sb3_hucrl.zoo.tuning import callback_settings
+from sb3_hucrl.exploration import STRATEGIES
+from sb3_hucrl.zoo.callback_entry import find_entry
+from sb3_hucrl.zoo.sbx import CLASSES, PREFIX
 
 PATHS = sorted((Path(__file__).parent.parent / "zoo_hyperparams").glob("*.yml"))
+#: what every file meant when it still said everything
+SNAPSHOT = Path(__file__).parent / "data" / "hyperparams.json"
 
 #: environments on which our own algorithms are told to use no model
 WITHOUT_MODEL = {"Pendulum-v1"}
@@ -26,6 +33,48 @@ def entries(path: Path) -> dict[str, dict[str, Any]]:
     return loaded
 
 
+def defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    """Of those arguments that have one."""
+    parameters = inspect.signature(function).parameters.values()
+    return {each.name: each.default for each in parameters if each.default is not each.empty}
+
+
+def algorithm_defaults(algo: str) -> dict[str, Any]:
+    if algo.startswith(PREFIX):
+        return defaults(getattr(importlib.import_module("sbx"), CLASSES[algo.removeprefix(PREFIX)]))
+    return defaults(ALGOS[algo])
+
+
+def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
+    """All arguments of the callback, whether the file names them or not."""
+    entry = find_entry(callbacks)
+    assert entry is not None
+    settings = {**defaults(entry.callback), **entry.settings}
+    settings["horizon"] = settings["horizon"] or gym.spec(env_id).max_episode_steps
+    strategy = STRATEGIES[settings["exploration"]]
+    settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
+    return settings
+
+
+def resolved(entry: dict[str, Any], env_id: str) -> dict[str, Any]:
+    """An entry of a file, and its callback's settings in full."""
+    hyperparams = {name: value for name, value in entry.items() if name != "callback"}
+    return hyperparams | ({"callback": resolved_callback(entry["callback"], env_id)} if "callback" in entry else {})
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_every_file_means_what_it_meant_when_it_said_everything(path: Path) -> None:
+    meant = json.loads(SNAPSHOT.read_text())[path.stem]
+    found = entries(path)
+    assert found.keys() == meant.keys()
+    for env_id, entry in found.items():
+        said = resolved(entry, env_id)
+        # What a file says besides would be a change as well.
+        assert said.keys() <= meant[env_id].keys()
+        used = {**algorithm_defaults(path.stem), **said}
+        assert {name: used[name] for name in meant[env_id]} == meant[env_id]
+
+
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback(path: Path) -> None:
     assert path.stem in ALGOS
@@ -33,13 +82,13 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
         if env_id in WITHOUT_MODEL:
             assert "callback" not in entry
             continue
-        settings = callback_settings(entry["callback"])
+        callback = find_entry(entry["callback"])
         assert env_id in ENVIRONMENTS
-        assert settings is not None
+        assert callback is not None
         if path.stem == "hmpc":
             continue
         # A search that training cuts short is never played.
-        assert entry["n_timesteps"] % HUCRLCallback(**settings).settings.search.imagined_steps == 0
+        assert entry["n_timesteps"] % callback.build().settings.search.imagined_steps == 0
 
 
 def test_every_algorithm_has_the_pendulum_and_five_have_everything() -> None:
