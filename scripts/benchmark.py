@@ -27,7 +27,7 @@ from tqdm import tqdm
 from results_table import ResultsTable, real_episodes
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
-from sb3_hucrl.runs import ZooRun
+from sb3_hucrl.zoo.runs import ZooRun
 
 CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 #: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own

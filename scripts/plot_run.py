@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from figures.phase_space import draw_phase_space
 from figures.trajectories import trajectories
-from sb3_hucrl.runs import ZooRun
+from sb3_hucrl.zoo.runs import ZooRun
 
 
 def draw_progress(run: ZooRun, output: Path) -> None:

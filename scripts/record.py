@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from sb3_hucrl import LearnedModelEnv
 from sb3_hucrl.loop import Actor, one_by_one
-from sb3_hucrl.runs import ZooRun
 from sb3_hucrl.sb3 import policy_actor
+from sb3_hucrl.zoo.runs import ZooRun
 
 Frame = npt.NDArray[np.uint8]
 

@@ -42,7 +42,9 @@ def defaults(function: Callable[..., Any]) -> dict[str, Any]:
 def algorithm_defaults(algo: str) -> dict[str, Any]:
     if algo.startswith(PREFIX):
         return defaults(getattr(importlib.import_module("sbx"), CLASSES[algo.removeprefix(PREFIX)]))
-    return defaults(ALGOS[algo])
+    # Ours pass on to SAC what they do not name.
+    bases = [vars(each) for each in reversed(ALGOS[algo].__mro__)]
+    return {name: value for base in bases if "__init__" in base for name, value in defaults(base["__init__"]).items()}
 
 
 def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:

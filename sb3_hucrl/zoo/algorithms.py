@@ -21,8 +21,8 @@ def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, addition
 
 
 def nothing_to_convert(sampled_params: dict[str, Any]) -> dict[str, Any]:
-    """As what there is to sample."""
-    return {}
+    """Only the callback's settings are in there."""
+    return dict(sampled_params)
 
 
 def with_sac_params(more: Callable[[optuna.Trial], dict[str, Any]]) -> Callable[..., dict[str, Any]]:

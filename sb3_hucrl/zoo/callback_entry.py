@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from rl_zoo3.utils import get_class_by_name
@@ -37,36 +38,50 @@ def find_entry(callbacks: Any) -> CallbackEntry | None:
     :param callbacks: a configuration's ``callback``: a name, a mapping from name to arguments, or a list of these
     :return: the first that is ours, or None if there is none
     """
-    for each in callbacks if isinstance(callbacks, list) else [callbacks]:
-        entry = _read(each)
-        if entry is not None:
-            return entry
-    return None
+    found = map(_read, _as_list(callbacks))
+    return next((entry for entry in found if entry is not None), None)
 
 
-def with_settings(callbacks: Any, settings: Mapping[str, Any]) -> list[Any]:
+def with_entry(callbacks: Any, entry: CallbackEntry) -> list[Any]:
     """
     :param callbacks: a configuration's ``callback``
-    :param settings: new arguments of ours
-    :return: the same callbacks, ours with these arguments
+    :param entry: new
+    :return: the same callbacks, with this entry in place of ours
     """
-    each_entry = [(each, _read(each)) for each in (callbacks if isinstance(callbacks, list) else [callbacks])]
-    return [each if entry is None else _write(replace(entry, settings=settings)) for each, entry in each_entry]
+    new = {entry.name: dict(entry.settings)}
+    return [each if _read(each) is None else new for each in _as_list(callbacks)]
 
 
-def _read(entry: Any) -> CallbackEntry | None:
-    name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) and entry else (entry, {})
-    callback = _import(name) if isinstance(name, str) else None
-    return None if callback is None else CallbackEntry(name, callback, dict(settings or {}))
+def arguments_of(callback: type[HUCRLCallback]) -> dict[str, inspect.Parameter]:
+    """
+    :param callback: HUCRLCallback or a subclass
+    :return: its arguments, with those that it passes on to its base class as ``**kwargs``
+    """
+    found: dict[str, inspect.Parameter] = {}
+    for each in callback.__mro__:
+        if "__init__" not in vars(each):
+            continue
+        _, *parameters = inspect.signature(vars(each)["__init__"]).parameters.values()
+        named = [one for one in parameters if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
+        found = {one.name: one for one in named} | found
+        if all(one.kind != one.VAR_KEYWORD for one in parameters):
+            break
+    return found
 
 
-def _write(entry: CallbackEntry) -> dict[str, dict[str, Any]]:
-    return {entry.name: dict(entry.settings)}
+def _as_list(callbacks: Any) -> list[Any]:
+    return callbacks if isinstance(callbacks, list) else [callbacks]
+
+
+def _read(callback: Any) -> CallbackEntry | None:
+    [(name, settings)] = callback.items() if isinstance(callback, Mapping) and len(callback) == 1 else [(callback, {})]
+    found = _import(name) if isinstance(name, str) else None
+    return None if found is None else CallbackEntry(name, found, dict(settings or {}))
 
 
 def _import(name: str) -> type[HUCRLCallback] | None:
     try:
         found = get_class_by_name(name)
-    except Exception:  # whatever a module raises: rl_zoo3 imports it too, and reports it
+    except Exception:  # whatever the module raises: rl_zoo3 imports it as well, and reports it
         return None
     return found if isinstance(found, type) and issubclass(found, HUCRLCallback) else None

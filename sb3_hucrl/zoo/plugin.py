@@ -1,4 +1,4 @@
-"""Teaches rl_zoo3 about this package's environments; whatever is not ours stays as it was."""
+"""Teaches rl_zoo3 about this package; runs without HUCRLCallback stay as they were."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
 from sb3_hucrl.zoo.sbx import register_sbx
-from sb3_hucrl.zoo.tuning import prepare_trial, use_trial
+from sb3_hucrl.zoo.settings import move_settings
+from sb3_hucrl.zoo.tuning import prepare_trial
 
 #: rl_zoo3's own words for 'the user did not say' and 'the callback logs'
 LOG_INTERVAL_UNSET, LOG_INTERVAL_BY_CALLBACK = -1, -2
 
 
-def _is_ours(manager: ExperimentManager) -> bool:
-    return manager.env_name.gym_id.startswith("HUCRL-")
-
-
-def _use_our_defaults(manager: ExperimentManager, algo: str, config: str | None) -> None:
+def _use_our_hyperparameters(manager: ExperimentManager, algo: str, config: str | None) -> None:
     hyperparams = files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml"
-    if config is None and hyperparams.is_file() and (_is_ours(manager) or algo in OUR_ALGORITHMS):
+    ours = str(manager.env_name.gym_id).startswith("HUCRL-") or algo in OUR_ALGORITHMS
+    if ours and config is None and hyperparams.is_file():
         manager.config = str(hyperparams)
-    if _is_ours(manager) and manager.log_interval == LOG_INTERVAL_UNSET:
-        # All imagined trajectories end in the same step, and SB3 would print a table for every fourth of them. The
-        # callback prints one for each real episode.
-        manager.log_interval = LOG_INTERVAL_BY_CALLBACK
 
 
-def _hand_over_run_folder(manager: ExperimentManager) -> None:
-    for callback in manager.callbacks:
-        if isinstance(callback, HUCRLCallback):
-            callback.log_dir = callback.log_dir or manager.save_path
-            callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
+def _callbacks(manager: ExperimentManager) -> list[HUCRLCallback]:
+    return [callback for callback in manager.callbacks if isinstance(callback, HUCRLCallback)]
+
+
+def _prepare_logs(manager: ExperimentManager) -> None:
+    for callback in _callbacks(manager):
+        callback.log_dir = callback.log_dir or manager.save_path
+        callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
+        if manager.log_interval == LOG_INTERVAL_UNSET:
+            # All imagined trajectories end in the same step, and SB3 would print a table for every fourth of them. The
+            # callback prints one for each real episode.
+            manager.log_interval = LOG_INTERVAL_BY_CALLBACK
 
 
 def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
@@ -51,7 +52,7 @@ def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]])
 def _init(original: Callable[..., Any]) -> Callable[..., Any]:
     def init(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
         original(self, args, algo, *rest, **kwargs)
-        _use_our_defaults(self, algo, kwargs.get("config"))
+        _use_our_hyperparameters(self, algo, kwargs.get("config"))
 
     return init
 
@@ -59,7 +60,7 @@ def _init(original: Callable[..., Any]) -> Callable[..., Any]:
 def _create_callbacks(original: Callable[..., Any]) -> Callable[..., Any]:
     def create_callbacks(self: ExperimentManager) -> None:
         original(self)
-        _hand_over_run_folder(self)
+        _prepare_logs(self)
 
     return create_callbacks
 
@@ -67,8 +68,7 @@ def _create_callbacks(original: Callable[..., Any]) -> Callable[..., Any]:
 def _read_hyperparameters(original: Callable[..., Any]) -> Callable[..., Any]:
     def read_hyperparameters(self: ExperimentManager) -> Any:
         hyperparams, saved = original(self)
-        for each in (hyperparams, saved):
-            use_trial(each)
+        move_settings(hyperparams, saved, self.custom_hyperparams or {})
         return hyperparams, saved
 
     return read_hyperparameters
@@ -76,7 +76,7 @@ def _read_hyperparameters(original: Callable[..., Any]) -> Callable[..., Any]:
 
 def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
     def learn(self: ExperimentManager, model: BaseAlgorithm) -> None:
-        with interrupt_on_termination() if _is_ours(self) else nullcontext():
+        with interrupt_on_termination() if _callbacks(self) else nullcontext():
             original(self, model)
 
     return learn
@@ -84,15 +84,14 @@ def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
 
 def _objective(original: Callable[..., Any]) -> Callable[..., Any]:
     def objective(self: ExperimentManager, trial: optuna.Trial) -> Any:
-        return original(prepare_trial(self, trial) if _is_ours(self) else self, trial)
+        return original(prepare_trial(self, trial), trial)
 
     return objective
 
 
+@functools.cache
 def install() -> None:
     """Extend rl_zoo3; a second call changes nothing."""
-    if getattr(ExperimentManager, "_knows_hucrl", False):
-        return
     _extend("__init__", _init)
     _extend("create_callbacks", _create_callbacks)
     _extend("read_hyperparameters", _read_hyperparameters)
@@ -100,4 +99,3 @@ def install() -> None:
     _extend("objective", _objective)
     register_algorithms()
     register_sbx()
-    setattr(ExperimentManager, "_knows_hucrl", True)  # noqa: B010  # mypy knows no such attribute

@@ -5,11 +5,19 @@
 import os
 import sys
 
+TYPE_CHECKING = False  # mypy takes it for True, and typing would be an import
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
 
 class ZooFinder:
     """Waits for rl_zoo3's experiment manager to be imported, then loads the plug-in. Finds nothing itself."""
 
-    def find_spec(self, name, path=None, target=None):  # untyped: typing would be an import
+    def find_spec(
+        self, name: str, path: "Sequence[str] | None" = None, target: "ModuleType | None" = None
+    ) -> "ModuleSpec | None":
         if name != "rl_zoo3.exp_manager":
             return None
         sys.meta_path.remove(self)
@@ -20,14 +28,14 @@ class ZooFinder:
             return None
         run = spec.loader.exec_module
 
-        def exec_module(module):
+        def exec_module(module: "ModuleType") -> None:
             run(module)
             try:
                 import sb3_hucrl.zoo  # noqa: F401  # for its effect
             except Exception as error:
                 print("sb3_hucrl: rl_zoo3 runs without the plug-in:", repr(error), file=sys.stderr)
 
-        spec.loader.exec_module = exec_module
+        vars(spec.loader)["exec_module"] = exec_module
         return spec
 
 

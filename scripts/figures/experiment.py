@@ -15,7 +15,7 @@ from benchmark import Run, callback_settings, command
 from figures.trajectories import trajectories
 from results_table import commit, real_episodes
 from sb3_hucrl.files import replacing
-from sb3_hucrl.runs import ZooRun
+from sb3_hucrl.zoo.runs import ZooRun
 
 PENDULUM = "HUCRL-Pendulum-v0"
 PACKAGES = ("sb3_hucrl", "stable_baselines3", "sbx_rl", "gymnasium", "torch")

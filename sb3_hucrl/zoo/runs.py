@@ -13,13 +13,11 @@ import yaml
 from rl_zoo3.utils import ALGOS
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
-from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.imagination import World
 from sb3_hucrl.loop import HUCRLState, Loop, Problem
 from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.spaces import require_bounded_box
-from sb3_hucrl.zoo.tuning import callback_settings
+from sb3_hucrl.zoo.callback_entry import find_entry
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,8 @@ class ZooRun:
     def progress(self) -> pd.DataFrame:
         """What was logged, one row for each real episode."""
         rows = pd.read_csv(self.folder / "progress.csv")
-        return rows.dropna(subset=["real/episode"]).set_index("real/episode")
+        episodes: pd.DataFrame = rows.dropna(subset=["real/episode"]).set_index("real/episode")
+        return episodes
 
     @cached_property
     def model(self) -> BaseAlgorithm:
@@ -85,9 +84,9 @@ class ZooRun:
         """
         :return: what the run imagines now, from where real episodes begin
         """
-        settings = callback_settings(self._settings[1].get("callback"))
-        assert settings is not None  # there is a state
-        loop_settings = HUCRLCallback(**settings).settings
+        entry = find_entry(self._settings[1].get("callback"))
+        assert entry is not None  # there is a state
+        loop_settings = entry.build().settings
         state, real, actions = self.state, self.real_env(), require_bounded_box(self.model.action_space)
         hallucinated_dim = actions.shape[0] - state.dataset.action_dim
         problem = Problem.from_spaces(

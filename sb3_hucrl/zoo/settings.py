@@ -1,0 +1,122 @@
+"""Single settings of the callback, given as ``hucrl_horizon`` and so on beside the algorithm's hyperparameters."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sb3_hucrl.starts import StartStates
+from sb3_hucrl.zoo.callback_entry import CallbackEntry, arguments_of, find_entry, with_entry
+
+#: every name begins with it
+PREFIX = "hucrl_"
+#: an argument with this ending has the arguments of what the argument without it names
+KWARGS = "_kwargs"
+#: what optuna studies call some settings
+SHORT_NAMES = {
+    "beta": "exploration__beta",
+    "num_members": "dynamics__num_members",
+    "dynamics_learning_rate": "dynamics__learning_rate",
+    "planner_horizon": "planner__horizon",
+    **{f"start_{kind}": f"start_states__{kind}" for kind in StartStates.KINDS},
+}
+
+
+def move_settings(hyperparams: dict[str, Any], saved: dict[str, Any], overrides: Mapping[str, Any]) -> None:
+    """
+    Move single settings from among the hyperparameters into the callback's entry.
+
+    :param hyperparams: of a run, as rl_zoo3 merges them: the configuration's, a trial's, and those of ``-params``;
+        changed in place
+    :param saved: the same, as rl_zoo3 saves them with the run; changed in place
+    :param overrides: those of ``-params`` alone: they win, even where the others spell a setting differently
+    :raises ValueError: if a setting is unknown, or there is no callback to give it to
+    """
+    given = {name: value for name, value in hyperparams.items() if name.startswith(PREFIX)}
+    if not given:
+        return
+    entry = find_entry(hyperparams.get("callback"))
+    if entry is None:
+        raise ValueError(
+            f"{sorted(given)} are settings of HUCRLCallback, which the configuration does not name: write "
+            "'callback: sb3_hucrl.HUCRLCallback' in the YAML file, or leave these settings out"
+        )
+    entry = changed(entry, {name: value for name, value in given.items() if name not in overrides})
+    entry = changed(entry, {name: value for name, value in given.items() if name in overrides})
+    for each in (hyperparams, saved):
+        for name in given:
+            del each[name]
+        each["callback"] = with_entry(each["callback"], entry)
+
+
+def changed(entry: CallbackEntry, changes: Mapping[str, Any]) -> CallbackEntry:
+    """
+    :param entry: of the callback
+    :param changes: new values by the names of settings, such as ``hucrl_horizon`` or ``hucrl_dynamics__num_members``
+    :return: the entry with these changes, all else as it was
+    :raises ValueError: if there is no such setting
+    """
+    arguments = arguments_of(entry.callback)
+    read = [_Change.read(name, value, entry, arguments) for name, value in changes.items()]
+    settings = dict(entry.settings)
+    # A single entry of a mapping comes after the mapping, and both after another kind, which does away with the
+    # arguments of the old one.
+    for change in sorted(read, key=lambda change: (change.key is not None, change.argument.endswith(KWARGS))):
+        change.apply(settings, arguments)
+    return replace(entry, settings=settings)
+
+
+@dataclass(frozen=True)
+class _Change:
+    """
+    :param argument: of the callback
+    :param key: of one entry, where the argument is a mapping; None for the whole argument
+    :param value: new
+    """
+
+    argument: str
+    key: str | None
+    value: Any
+
+    @classmethod
+    def read(cls, name: str, value: Any, entry: CallbackEntry, arguments: Mapping[str, inspect.Parameter]) -> _Change:
+        said = name.removeprefix(PREFIX)
+        if said not in arguments:
+            said = SHORT_NAMES.get(said, said)
+        argument, _, key = said.partition("__")
+        if said in arguments:
+            return cls(said, None, value)
+        for each in (argument + KWARGS, argument):
+            if key and each in _mappings(arguments):
+                return cls(each, key, value)
+        raise ValueError(_unknown(name, entry, arguments))
+
+    def apply(self, settings: dict[str, Any], arguments: Mapping[str, inspect.Parameter]) -> None:
+        if self.key is not None:
+            settings[self.argument] = {**(settings.get(self.argument) or {}), self.key: self.value}
+            return
+        if self.value != settings.get(self.argument, arguments[self.argument].default):
+            settings.pop(self.argument + KWARGS, None)
+        settings[self.argument] = self.value
+
+
+def _mappings(arguments: Mapping[str, inspect.Parameter]) -> list[str]:
+    # Annotations are text in most modules, and such text cannot always be evaluated.
+    return [name for name, one in arguments.items() if re.search(r"\b(Mapping|dict)\b", str(one.annotation))]
+
+
+def _unknown(name: str, entry: CallbackEntry, arguments: Mapping[str, inspect.Parameter]) -> str:
+    nested = [PREFIX + each.removesuffix(KWARGS) for each in _mappings(arguments)]
+    known = [PREFIX + each for each in (*arguments, *SHORT_NAMES)]
+    argument, separator, key = name.partition("__")
+    near = difflib.get_close_matches(name, known)
+    if separator:
+        near = [f"{each}__{key}" for each in difflib.get_close_matches(argument, nested)]
+    return (
+        f"{entry.callback.__name__} has no setting {name!r}{f': did you mean {near}?' if near else '.'} "
+        f"There are {', '.join(sorted(known))}, and single arguments as in {nested[0]}__NAME, for {', '.join(nested)}"
+    )
