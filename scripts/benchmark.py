@@ -27,29 +27,29 @@ from tqdm import tqdm
 from results_table import ResultsTable, real_episodes
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
+from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.runs import ZooRun
 
-CALLBACK = "sb3_hucrl.callbacks.HUCRLCallback"
 #: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own
 EXPLORATIONS: dict[str, dict[str, Any]] = {
     "optimistic": {},
-    "optimistic_beta_3": {"exploration_kwargs": {"beta": 3.0}},
-    "optimistic_predictive": {"exploration_kwargs": {"uncertainty": "predictive"}},
-    "optimistic_recalibrated": {"dynamics_kwargs": {"recalibrate": True}},
-    "optimistic_capped": {"uncertainty_cap": 5.0},
-    "optimistic_dyna_mpc": {"dyna_mpc": {}},
-    "greedy": {"exploration": "greedy"},
-    "greedy_ts1": {"exploration": "greedy", "exploration_kwargs": {"propagation": "ts1"}},
-    "greedy_tsinf": {"exploration": "greedy", "exploration_kwargs": {"propagation": "tsinf"}},
-    "thompson": {"exploration": "thompson"},
-    "bonus": {"exploration": "bonus", "exploration_kwargs": {"weight": 1.0}},
+    "optimistic_beta_3": {"hucrl_exploration__beta": 3.0},
+    "optimistic_predictive": {"hucrl_exploration__uncertainty": "predictive"},
+    "optimistic_recalibrated": {"hucrl_dynamics__recalibrate": True},
+    "optimistic_capped": {"hucrl_uncertainty_cap": 5.0},
+    "optimistic_dyna_mpc": {"hucrl_dyna_mpc": {}},
+    "greedy": {"hucrl_exploration": "greedy"},
+    "greedy_ts1": {"hucrl_exploration": "greedy", "hucrl_exploration__propagation": "ts1"},
+    "greedy_tsinf": {"hucrl_exploration": "greedy", "hucrl_exploration__propagation": "tsinf"},
+    "thompson": {"hucrl_exploration": "thompson"},
+    "bonus": {"hucrl_exploration": "bonus"},
     **{
-        f"thompson_{number}": {"exploration": "thompson", "dynamics_kwargs": {"num_members": number}}
+        f"thompson_{number}": {"hucrl_exploration": "thompson", "hucrl_dynamics__num_members": number}
         for number in (10, 20, 50, 100)
     },
-    "optimistic_no_bootstrap": {"dynamics_kwargs": {"bootstrap": False}},
-    "greedy_no_bootstrap": {"exploration": "greedy", "dynamics_kwargs": {"bootstrap": False}},
-    "thompson_no_bootstrap": {"exploration": "thompson", "dynamics_kwargs": {"bootstrap": False}},
+    "optimistic_no_bootstrap": {"hucrl_dynamics__bootstrap": False},
+    "greedy_no_bootstrap": {"hucrl_exploration": "greedy", "hucrl_dynamics__bootstrap": False},
+    "thompson_no_bootstrap": {"hucrl_exploration": "thompson", "hucrl_dynamics__bootstrap": False},
 }
 START_STATES = {
     "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},
@@ -77,31 +77,27 @@ def hyperparameters(algo: str, env: str) -> dict[str, Any]:
     return settings
 
 
-def callback_settings(run: Run) -> dict[str, Any]:
-    """The package's own settings of the callback for a run."""
-    settings: dict[str, Any] = dict(hyperparameters(run.algo, run.env)["callback"][0][CALLBACK])
-    return settings
+def imagined_steps(run: Run) -> int:
+    """Of the package's own search before each real episode."""
+    entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
+    assert entry is not None  # in all our files
+    return entry.build().imagined_steps
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
-    """The command line of a run, with further settings of the callback."""
-    callback = callback_settings(run)
-    chosen = EXPLORATIONS[run.exploration]
-    if "exploration" in chosen:
-        del callback["exploration_kwargs"]
-    for name, value in {**chosen, "dynamics": run.dynamics}.items():
-        callback[name] = {**callback.get(name, {}), **value} if isinstance(value, dict) else value
+    """The command line of a run, with further settings of the callback; more ``-params`` may follow."""
+    chosen = {**EXPLORATIONS[run.exploration], "hucrl_dynamics": run.dynamics}
     if run.dynamics == "truth":
-        callback["dynamics_kwargs"] = {"env": run.env}
-    callback["start_states"] = START_STATES[run.start_states]
-    callback.update(settings)
-    hallucinate = callback["exploration"] == "optimistic"
+        chosen["hucrl_dynamics__env"] = run.env
+    chosen["hucrl_start_states"] = START_STATES[run.start_states]
+    chosen.update(settings)
+    hallucinate = "hucrl_exploration" not in chosen
     env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
     return [
         *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", run.env),
         *("--seed", str(run.seed), "--num-threads", "1", "--eval-freq", "-1", "-f", folder),
         *("--env-kwargs", *env_kwargs),
-        *("-params", f"callback:[{{'{CALLBACK}': {callback}}}]"),
+        *("-params", *(f"{name}:{value!r}" for name, value in chosen.items())),
     ]
 
 
@@ -166,7 +162,7 @@ def main() -> None:
     # Seed by seed, so that an interrupted benchmark has whole seeds.
     runs = sorted((Run(*setting) for setting in combinations), key=lambda run: run.seed)
     table = ResultsTable(args.output, Run)
-    settings = {"reward_threshold": args.solved} if args.until_solved else {}
+    settings = {"hucrl_reward_threshold": args.solved} if args.until_solved else {}
     table.fill(runs, partial(execute, params=args.params, settings=settings), args.jobs)
     if not table.rows.empty:
         print(summary(table.rows, args.solved).to_string())

@@ -23,12 +23,12 @@ from sb3_hucrl.sb3 import get_state
 ENV_ID = "HUCRL-Pendulum-v0"
 #: seconds until the first checkpoint must be there
 PATIENCE = 120.0
-CALLBACK = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
 #: long enough to be killed, whatever the machine
 COMMAND = [
     *(sys.executable, "-m", "rl_zoo3.train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000", "--eval-freq", "-1"),
     *("--gym-packages", "sb3_hucrl.zoo", "--num-threads", "1"),
-    *("-params", "gradient_steps:1", "n_envs:4", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
+    *("-params", "gradient_steps:1", "n_envs:4", "hucrl_horizon:20", "hucrl_imagined_steps:320"),
+    "hucrl_dynamics__gradient_steps:20",
 ]
 
 

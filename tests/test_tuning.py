@@ -18,9 +18,11 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import ALGOS
 
 from helpers import ENV_ID
-from sb3_hucrl.zoo.tuning import CALLBACK, apply, callback_settings, suggest, use_trial, with_settings
-from test_zoo import CALLBACK as SHORT
-from test_zoo import TRAIN, ZOO, run
+from sb3_hucrl import HUCRLCallback
+from sb3_hucrl.zoo.callback_entry import CallbackEntry, find_entry
+from sb3_hucrl.zoo.settings import changed
+from sb3_hucrl.zoo.tuning import suggest
+from test_zoo import OWN_ENVIRONMENT, SHORT, TRAIN, ZOO, run
 
 EXPLODING = '''
 import itertools
@@ -44,8 +46,12 @@ class ExplodingTask(PendulumTask):
 def drawn(settings: dict[str, Any], env_id: str = ENV_ID, searches: bool = True) -> dict[str, Any]:
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
     trial = study.ask()
-    suggest(trial, settings, gym.spec(env_id), 10_000, searches)
+    suggest(trial, settings, gym.spec(env_id), 3, 10_000, searches)
     return trial.params
+
+
+def tuned_by(settings: dict[str, Any], params: dict[str, Any]) -> dict[str, Any]:
+    return dict(changed(CallbackEntry("sb3_hucrl.HUCRLCallback", HUCRLCallback, settings), params).settings)
 
 
 def test_where_actions_are_planned_the_planners_horizon_is_drawn() -> None:
@@ -54,7 +60,7 @@ def test_where_actions_are_planned_the_planners_horizon_is_drawn() -> None:
     assert set(params) == {
         f"hucrl_{name}" for name in ("beta", "planner_horizon", "num_members", "dynamics_learning_rate")
     }
-    tuned = apply(settings, params)
+    tuned = tuned_by(settings, params)
     assert tuned["planner_kwargs"] == {"num_particles": 64, "horizon": params["hucrl_planner_horizon"]}
 
 
@@ -74,7 +80,7 @@ def test_what_is_drawn_for_our_own_algorithms_are_their_arguments(algo: str) -> 
 def test_our_settings_are_drawn_and_put_where_they_belong() -> None:
     settings = {"exploration_kwargs": {"uncertainty": "predictive"}, "dynamics_kwargs": {"net_arch": [8]}, "horizon": 3}
     params = drawn(settings)
-    tuned = apply(settings, {**params, "tau": 0.5})
+    tuned = tuned_by(settings, params)
     assert tuned["exploration_kwargs"] == {"uncertainty": "predictive", "beta": params["hucrl_beta"]}
     assert tuned["dynamics_kwargs"]["net_arch"] == [8]
     assert tuned["dynamics_kwargs"]["num_members"] == params["hucrl_num_members"]
@@ -82,7 +88,6 @@ def test_our_settings_are_drawn_and_put_where_they_belong() -> None:
     assert 10 <= tuned["horizon"] == params["hucrl_horizon"] <= 400
     assert 500 <= tuned["imagined_steps"] <= 5_000
     assert set(tuned["start_states"]) == {"initial", "visited", "inflated", "exploratory"}
-    assert "tau" not in tuned
     assert settings["horizon"] == 3
 
 
@@ -94,19 +99,31 @@ def test_what_a_setting_does_not_have_is_not_tuned() -> None:
     }
 
 
-@pytest.mark.parametrize("entry", [CALLBACK, {CALLBACK: {"horizon": 5}}, ["other.Callback", {CALLBACK: None}]])
-def test_our_callback_is_found_however_the_yaml_names_it(entry: Any) -> None:
-    assert callback_settings(entry) is not None
-    changed = with_settings(entry, {"horizon": 7})
-    assert callback_settings(changed) == {"horizon": 7}
-    assert ("other.Callback" in changed) == isinstance(entry, list)
+def test_an_own_task_may_have_no_exploratory_states() -> None:
+    assert "hucrl_start_exploratory" in drawn({})
+    assert "hucrl_start_exploratory" not in drawn({"task": "my_module.MyTask"})
 
 
-def test_a_configuration_without_our_callback_stays_as_it_is() -> None:
-    assert callback_settings(["other.Callback"]) is None
-    hyperparams = {"callback": None, "gamma": 0.9}
-    use_trial(hyperparams)
-    assert hyperparams == {"callback": None, "gamma": 0.9}
+def test_an_environment_without_a_time_limit_is_refused() -> None:
+    spec = gym.spec("Pendulum-v1")
+    spec.max_episode_steps = None
+    with pytest.raises(ValueError, match="Pendulum-v1 has no time limit.*--env-kwargs max_episode_steps:1000"):
+        suggest(optuna.create_study().ask(), {}, spec, 3, 10_000)
+
+
+def test_a_study_of_an_own_environment_tunes_the_callback_from_where_the_command_line_put_it(tmp_path: Path) -> None:
+    (tmp_path / "my.yml").write_text(OWN_ENVIRONMENT)
+    options = ["-n", "640", "--storage", "study.log", "--study-name", "own", "-conf", "my.yml"]
+    greedy = ["-params", "hucrl_exploration:'greedy'", "env_wrapper:None"]
+    own = ["train", "--algo", "sac", "--env", "Pendulum-v1", *options, *greedy]
+    run(ZOO, *own, "-optimize", "--n-trials", "1", "--no-optim-plots", "--eval-episodes", "1", cwd=tmp_path)
+    storage = JournalStorage(JournalFileBackend(str(tmp_path / "study.log")))
+    [trial] = optuna.load_study(study_name="own", storage=storage).trials
+    assert trial.state == TrialState.COMPLETE
+    assert trial.params["hucrl_horizon"] <= 200
+    # The command line asked for a strategy without one.
+    assert "hucrl_beta" not in trial.params
+    assert trial.user_attrs["real_steps"] >= 2 * 200
 
 
 def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Path) -> None:
@@ -114,7 +131,7 @@ def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Pa
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     study_options = ["-n", "640", "--storage", "study.log", "--study-name", "pendulum"]
     optimize = ["-optimize", "--n-jobs", "2", "--no-optim-plots", "--n-startup-trials", "9", "--eval-episodes", "1"]
-    exploding = ["-params", "n_envs:4", f"callback:[{{'{CALLBACK}': {SHORT | {'task': 'exploding.ExplodingTask'}}}}]"]
+    exploding = ["-params", "n_envs:4", *SHORT, "hucrl_task:'exploding.ExplodingTask'"]
     for trials in ("3", "1"):
         command = [ZOO, *TRAIN, *study_options, *optimize, "--n-trials", trials, *exploding]
         run(*command, cwd=tmp_path, PYTHONPATH=path)
@@ -137,6 +154,6 @@ def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Pa
     found = yaml.load(config.read_text(), Loader=yaml.UnsafeLoader)
     assert found["tau"] == finished[-1].params["tau"]
     assert not [name for name in found if name.startswith("hucrl_")]
-    settings = callback_settings(found["callback"])
-    assert settings is not None
-    assert settings["imagined_steps"] == finished[-1].params["hucrl_imagined_steps"]
+    entry = find_entry(found["callback"])
+    assert entry is not None
+    assert entry.settings["imagined_steps"] == finished[-1].params["hucrl_imagined_steps"]

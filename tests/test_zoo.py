@@ -4,25 +4,40 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 from stable_baselines3 import SAC
 from stable_baselines3.common.monitor import load_results
 
 from helpers import ENV_ID
+from sb3_hucrl.zoo.runs import ZooRun
 
 BIN = Path(sys.executable).parent
 ZOO = str(BIN / "rl_zoo3")
 TRAIN = ["train", "--algo", "sac", "--env", ENV_ID]
-CALLBACK = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
+SHORT = ["hucrl_horizon:20", "hucrl_imagined_steps:320", "hucrl_dynamics__gradient_steps:20"]
 SMALL = [
     *("-n", "640", "--eval-freq", "320", "--save-freq", "320", "--seed", "3", "--eval-episodes", "2"),
-    *("-params", "gradient_steps:1", "n_envs:4", f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {CALLBACK}}}]"),
+    *("-params", "gradient_steps:1", "n_envs:4", *SHORT),
 ]
+#: what users write for an environment that is not of this package
+OWN_ENVIRONMENT = """
+Pendulum-v1:
+  n_envs: 4
+  n_timesteps: 1000000
+  policy: MlpPolicy
+  env_wrapper: sb3_hucrl.HallucinationWrapper
+  vec_env_wrapper: sb3_hucrl.ImaginationVecEnv
+  callback:
+    sb3_hucrl.HUCRLCallback: {horizon: 20, imagined_steps: 320, dynamics_kwargs: {gradient_steps: 20}}
+"""
 
 
 def run(*command: str, cwd: Path, **env: str) -> str:
@@ -64,14 +79,47 @@ def test_our_algorithms_train_on_other_environments_without_any_flag(tmp_path: P
 
 
 def test_hmpc_trains_and_enjoys_without_a_policy(tmp_path: Path) -> None:
-    planner = {"horizon": 2, "num_particles": 4, "num_elites": 2, "num_iterations": 1}
-    callback = {"planner": "icem", "planner_kwargs": planner, "dynamics_kwargs": {"gradient_steps": 20}}
-    params = [f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {callback}}}]"]
+    planner = ["hucrl_planner:'icem'", "hucrl_planner_kwargs:{'num_particles': 4, 'num_elites': 2}"]
+    params = [*planner, "hucrl_planner__num_iterations:1", "hucrl_planner__horizon:2", *SHORT]
     hmpc = ["--algo", "hmpc", "--env", ENV_ID]
     run(ZOO, "train", *hmpc, "-n", "1", "--eval-freq", "-1", "--seed", "3", "-params", *params, cwd=tmp_path)
     folder = tmp_path / "logs" / "hmpc" / f"{ENV_ID}_1"
     assert load_results(str(folder)).l.tolist() == [400, 400]
     assert "Episode Reward" in run(ZOO, "enjoy", *hmpc, "--no-render", "-f", "logs", "-n", "400", cwd=tmp_path)
+
+
+def test_the_run_keeps_the_settings_in_the_callback_s_entry(trained: Path) -> None:
+    config = yaml.load((run_folder(trained) / ENV_ID / "config.yml").read_text(), Loader=yaml.UnsafeLoader)
+    assert not [name for name in config if name.startswith("hucrl_")]
+    settings = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
+    assert config["callback"] == [{"sb3_hucrl.HUCRLCallback": settings}]
+    assert ZooRun(run_folder(trained)).imagination()[0].spec is None
+
+
+def test_an_unknown_setting_ends_the_command(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="did you mean hucrl_horizon"):
+        run(ZOO, *TRAIN, "-params", "hucrl_horizn:20", cwd=tmp_path)
+
+
+def test_an_own_environment_trains_quietly_and_ends_politely(tmp_path: Path) -> None:
+    (tmp_path / "my.yml").write_text(OWN_ENVIRONMENT)
+    command = [ZOO, "train", "--algo", "sac", "--env", "Pendulum-v1", "-conf", "my.yml", "--eval-freq", "-1"]
+    folder, printed, deadline = tmp_path / "logs/sac/Pendulum-v1_1", tmp_path / "output.txt", time.monotonic() + 120
+    with printed.open("w") as output:
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=output, stderr=subprocess.STDOUT)
+    try:
+        while printed.read_text().count("| real/") < 3:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=120) == 0
+    finally:
+        process.kill()
+    assert (folder / "Pendulum-v1.zip").exists()
+    # SB3 would print one for every fourth imagined trajectory.
+    progress = pd.read_csv(folder / "progress.csv")
+    assert progress["real/episode"].notna().all()
 
 
 def test_prints_one_table_for_each_real_episode_and_evaluation(trained: Path) -> None:

@@ -110,13 +110,16 @@ def _mappings(arguments: Mapping[str, inspect.Parameter]) -> list[str]:
 
 
 def _unknown(name: str, entry: CallbackEntry, arguments: Mapping[str, inspect.Parameter]) -> str:
-    nested = [PREFIX + each.removesuffix(KWARGS) for each in _mappings(arguments)]
-    known = [PREFIX + each for each in (*arguments, *SHORT_NAMES)]
-    argument, separator, key = name.partition("__")
-    near = difflib.get_close_matches(name, known)
-    if separator:
-        near = [f"{each}__{key}" for each in difflib.get_close_matches(argument, nested)]
+    mappings = [each.removesuffix(KWARGS) for each in _mappings(arguments)]
+    known = sorted([*arguments, *SHORT_NAMES])
+    said = name.removeprefix(PREFIX)
+    argument, _, key = said.partition("__")
+    near = difflib.get_close_matches(said, known)
+    if key:
+        near = [f"{each}__{key}" for each in difflib.get_close_matches(argument, mappings)]
+    there_are = [*known, *(f"{each}__NAME" for each in mappings)]
     return (
-        f"{entry.callback.__name__} has no setting {name!r}{f': did you mean {near}?' if near else '.'} "
-        f"There are {', '.join(sorted(known))}, and single arguments as in {nested[0]}__NAME, for {', '.join(nested)}"
+        f"{entry.callback.__name__} has no setting {name!r}"
+        + (f": did you mean {' or '.join(PREFIX + each for each in near)}?" if near else ".")
+        + f" It has {', '.join(PREFIX + each for each in there_are)}"
     )

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from benchmark import Run, callback_settings, command
+from benchmark import Run, command, imagined_steps
 from figures.trajectories import trajectories
 from results_table import commit, real_episodes
 from sb3_hucrl.files import replacing
@@ -26,7 +26,7 @@ LOGGED = {
     "fit_seconds": "time/fit_seconds",
 }
 #: of the callback, so small that a run shows only that everything works
-QUICK_SETTINGS: dict[str, Any] = {"imagined_steps": 640, "horizon": 10}
+QUICK_SETTINGS: dict[str, Any] = {"hucrl_imagined_steps": 640, "hucrl_horizon": 10}
 QUICK_EPISODES = 4
 #: of what is logged
 DECIMALS = 4
@@ -89,7 +89,7 @@ class Experiment:
         settings = QUICK_SETTINGS if self.quick else {}
         words = command(self.run, folder, settings)
         episodes = min(self.episodes, QUICK_EPISODES) if self.quick else self.episodes
-        steps = QUICK_SETTINGS["imagined_steps"] if self.quick else callback_settings(self.run)["imagined_steps"]
+        steps = QUICK_SETTINGS["hucrl_imagined_steps"] if self.quick else imagined_steps(self.run)
         return [*words, f"n_timesteps:{(episodes - 1) * steps}"]
 
     def execute(self, folder: Path) -> None:
