@@ -98,8 +98,6 @@ class HUCRLCallback(BaseCallback):
         self._search_start = self._total_timesteps = 0
 
     def _on_training_start(self) -> None:
-        # What SB3 hands over counts from the first training, not from this call of learn().
-        self._total_timesteps = int(self.locals["total_timesteps"])
         if self.log_dir is not None and self._csv is None:
             self._csv = csv_output(self.log_dir)
         if self._csv is not None and self._csv not in self.logger.output_formats:
@@ -107,6 +105,7 @@ class HUCRLCallback(BaseCallback):
         self._env = find_imagination(self.training_env)
         self._loop = make_loop(self.model, self._env, self.settings, self._save, self._log, self.verbose)
         self._search = make_search(self.model, self._env, self._loop)
+        self._total_timesteps = self._search.total_timesteps(self.locals)
         self._loop.begin()
         self._start_search()
 

@@ -81,7 +81,7 @@ def imagined_steps(run: Run) -> int:
     """Of the package's own search before each real episode."""
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
-    return entry.build().imagined_steps
+    return entry.build().settings.search.imagined_steps
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:

@@ -96,7 +96,9 @@ def test_planning_starts_with_the_mode_and_changes_nothing_before() -> None:
         assert state is not None
         # One random episode, one that samples the policy, three that play or refine its mode.
         assert state.real_episodes == 5
-        assert len(state.imagined_episodes) == (4 if dyna_mpc is None else 1)
+        # Each knows which real episode it was the promise of: planned ones have none.
+        numbers = [episode.real_episode for episode in state.imagined_episodes]
+        assert numbers == ([2, 3, 4, 5] if dyna_mpc is None else [2])
         datasets.append(state.dataset.transitions.actions)
     plain, planned = datasets
     before = slice(0, 80)

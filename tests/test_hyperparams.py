@@ -53,7 +53,7 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     assert entry is not None
     settings = {**defaults(entry.callback), **entry.settings}
     settings["horizon"] = settings["horizon"] or gym.spec(env_id).max_episode_steps
-    strategy = STRATEGIES[settings["exploration"]]
+    strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
     return settings
 

@@ -20,7 +20,7 @@ from sb3_hucrl import (
     StartStates,
     World,
 )
-from sb3_hucrl.imagination import Limits, Trajectories
+from sb3_hucrl.imagination import Array, Limits, Trajectories, imagine_episode, imagined_return
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -96,6 +96,17 @@ def test_a_bonus_raises_the_reward_but_not_the_return() -> None:
         reward, raised = plain.step(action).rewards, paid.step(action).rewards
         np.testing.assert_allclose(raised, reward + 2.0 * 0.5 * math.sqrt(2), rtol=1e-5)
     np.testing.assert_allclose(paid.returns, plain.returns)
+
+
+def test_what_a_policy_is_promised_leaves_the_bonus_out() -> None:
+    def still(observations: Array, first: np.ndarray) -> Array:
+        return np.zeros((len(observations), 1), dtype=np.float32)
+
+    worlds = [small_world(TruePendulum(epistemic_std=0.5), Bonus(weight), horizon=20) for weight in (0.0, 2.0)]
+    plain, paid = (imagined_return(world.trajectories(3), still) for world in worlds)
+    assert paid == pytest.approx(plain)
+    plain_episode, paid_episode = (imagine_episode(world.trajectories(1), still) for world in worlds)
+    th.testing.assert_close(paid_episode.rewards, plain_episode.rewards)
 
 
 def test_uncertainty_beyond_the_limit_truncates() -> None:

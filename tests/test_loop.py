@@ -48,7 +48,7 @@ class LinearPolicy:
         self.asked.append("mode" if deterministic else "sample")
 
     def parameters(self) -> Array:
-        return self.weights.copy()
+        return np.array(self.weights)
 
     def restore(self, parameters: Array) -> None:
         self.weights = parameters
@@ -88,9 +88,9 @@ def test_a_plain_script_drives_it_with_a_linear_policy_and_random_search() -> No
 
 def test_a_search_of_another_kind_is_played_chosen_and_reported() -> None:
     reports: list[Report] = []
-    episodes = []
+    episodes: list[int] = []
     env = gym.make(f"sb3_hucrl:{ENV_ID}", max_episode_steps=HORIZON)
-    loop = make_loop(env, on_refit=reports.append, on_episode=lambda: episodes.append(loop.state.real_episodes))
+    loop: Loop = make_loop(env, on_refit=reports.append, on_episode=lambda: episodes.append(loop.state.real_episodes))
     loop.begin()
     policy = LinearPolicy(3, loop.world)
     for deterministic in (False, True):

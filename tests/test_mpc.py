@@ -12,8 +12,8 @@ import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from helpers import ENV_ID, small_world
-from sb3_hucrl import HallucinationWrapper
+from helpers import ENV_ID, TruePendulum, limits_of, pendulum_dataset, small_world
+from sb3_hucrl import HallucinationWrapper, Prediction
 from sb3_hucrl.planning import (
     CEM,
     ICEM,
@@ -114,3 +114,18 @@ def test_a_new_episode_begins_without_the_old_plan() -> None:
 def test_a_horizon_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 1 step"):
         policy(CEM(), horizon=0)
+
+
+def test_plans_stay_in_the_plausible_range() -> None:
+    class Explosive(TruePendulum):
+        def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+            prediction = super().predict(state, action)
+            return Prediction(1e3 * prediction.mean, prediction.epistemic_std, prediction.aleatoric_std)
+
+    limits = limits_of(pendulum_dataset(100), PendulumTask())
+    world = small_world(Explosive(), limits=limits)
+    problem = PlanningProblem(world, ActionSequence(5, Bounds(world.low, world.high)))
+    actions = th.zeros(1, 3)
+    rollout = problem.roll_out(th.tensor([[3.0, 1.0]]), lambda n, state: actions, None)
+    assert limits.high is not None
+    assert all((state[:, 1] <= limits.high[1]).all() for state in rollout.states)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch as th
 from gymnasium import spaces
-from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
+from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
 
 from helpers import imagination_env, small_callback, small_sac
 from sb3_hucrl import TransitionDataset, Transitions
@@ -132,3 +133,46 @@ def test_training_replays_real_transitions_and_keeps_stale_ones(tmp_path: Any) -
     model.learn(80, callback=small_callback(real_data_fraction=0.5))
     assert isinstance(model.replay_buffer, MixedReplayBuffer)
     assert not isinstance(model.replay_buffer.imagined, MixedReplayBuffer)
+
+
+def test_a_buffer_with_real_transitions_stops_mixing_in_a_run_without(tmp_path: Path) -> None:
+    model = small_sac(imagination_env(max_episode_steps=40))
+    model.learn(160, callback=small_callback(real_data_fraction=0.5))
+    model.save_replay_buffer(tmp_path / "buffer")
+    other = small_sac(imagination_env(max_episode_steps=40))
+    other.load_replay_buffer(tmp_path / "buffer")
+    assert isinstance(other.replay_buffer, MixedReplayBuffer)
+    other.learn(80, callback=small_callback())
+    assert not isinstance(other.replay_buffer, MixedReplayBuffer)
+    assert other.replay_buffer is not None
+    # 20 rows of 4 environments, and nothing of before.
+    assert other.replay_buffer.size() == 20
+
+
+def test_a_mixed_buffer_is_a_buffer_of_its_own() -> None:
+    mixed = MixedReplayBuffer(counting_buffer(4), counting_buffer(2), 0.5)
+    # Whatever SB3 may ask any buffer, its own empty storage answers.
+    assert (mixed.buffer_size, mixed.pos, mixed.full) == (1, 0, False)
+    assert mixed.size() == 4
+    row = np.zeros((2, 1), dtype=np.float32)
+    mixed.add(row, row, row, np.zeros(2), np.zeros(2), [{}] * 2)
+    assert (mixed.size(), mixed.imagined.size(), mixed.pos) == (5, 5, 0)
+    mixed.reset()
+    assert mixed.size() == 0
+
+
+@pytest.mark.parametrize("fraction", ["real_data_fraction", "stale_fraction"])
+def test_a_buffer_without_next_observations_is_refused_with_advice(fraction: str) -> None:
+    env = imagination_env()
+    model = small_sac(env, optimize_memory_usage=True, replay_buffer_kwargs={"handle_timeout_termination": False})
+    with pytest.raises(ValueError, match="set optimize_memory_usage=False"):
+        model.learn(80, callback=small_callback(**{fraction: 0.5}))
+    assert env.get_attr("total_steps")[0] == 0
+
+
+def test_a_buffer_of_dictionaries_is_refused_with_advice() -> None:
+    model = small_sac()
+    space = spaces.Dict({"observation": OBSERVATION})
+    model.replay_buffer = DictReplayBuffer(10, space, ACTION)
+    with pytest.raises(ValueError, match="DictReplayBuffer, for observations that are dictionaries"):
+        model.learn(80, callback=small_callback())

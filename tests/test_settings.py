@@ -67,7 +67,7 @@ def test_a_subclass_counts_and_keeps_its_name_and_arguments() -> None:
     entry = changed(entry_of({}, "own_callbacks.Curious"), {"hucrl_curiosity": 1.0, "hucrl_horizon": 7})
     assert entry.name == "own_callbacks.Curious"
     callback = entry.build()
-    assert (vars(callback)["curiosity"], callback.horizon) == (1.0, 7)
+    assert (vars(callback)["curiosity"], callback.settings.search.horizon) == (1.0, 7)
     with pytest.raises(ValueError, match="Settled has no setting 'hucrl_imagined_steps'"):
         changed(entry_of({}, "own_callbacks.Settled"), {"hucrl_imagined_steps": 80})
 

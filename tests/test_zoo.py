@@ -93,7 +93,9 @@ def test_the_run_keeps_the_settings_in_the_callback_s_entry(trained: Path) -> No
     assert not [name for name in config if name.startswith("hucrl_")]
     settings = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
     assert config["callback"] == [{"sb3_hucrl.HUCRLCallback": settings}]
-    assert ZooRun(run_folder(trained)).imagination()[0].spec is None
+    world = ZooRun(run_folder(trained)).world()
+    assert world.horizon == 20
+    assert world.limits.low is not None
 
 
 def test_an_unknown_setting_ends_the_command(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import torch as th
 from sb3_contrib import ARS
@@ -74,6 +77,13 @@ class SB3Search:
         # SB3 keeps the observation to act on next here, and resets it only when training begins.
         model._last_obs = env.reset()  # type: ignore[assignment]  # typed without dictionary observations
         model._last_episode_starts = np.ones((env.num_envs,), dtype=bool)
+
+    def total_timesteps(self, handed_over: Mapping[str, Any]) -> int:
+        """
+        :param handed_over: the variables of ``learn()`` that SB3 hands to callbacks when training starts
+        :return: at which training ends; it counts from the first call of ``learn()`` that was not told to reset
+        """
+        return int(handed_over["total_timesteps"])
 
     def actor(self, deterministic: bool) -> BatchActor:
         """The policy, see :class:`sb3_hucrl.loop.Search`."""
@@ -161,6 +171,10 @@ class ARSSearch(SB3Search):
 
     model: ARS
     min_envs = 1
+
+    def total_timesteps(self, handed_over: Mapping[str, Any]) -> int:
+        # Its ``total_timesteps`` is what this call of learn() adds.
+        return int(handed_over["total_steps"])
 
     def restore(self, parameters: Parameters) -> None:
         super().restore(parameters)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sb3_hucrl.starts import StartStates
+from sb3_hucrl.imagination import StartStates
 from sb3_hucrl.zoo.callback_entry import CallbackEntry, arguments_of, find_entry, with_entry
 
 #: every name begins with it
