@@ -77,6 +77,10 @@ def test_what_is_drawn_for_our_own_algorithms_are_their_arguments(algo: str) -> 
     assert HYPERPARAMS_CONVERTER[algo](trial.params) == sampled
 
 
+def test_a_trial_of_hmpc_keeps_the_settings_of_the_callback() -> None:
+    assert HYPERPARAMS_CONVERTER["hmpc"]({"hucrl_beta": 0.5}) == {"hucrl_beta": 0.5}
+
+
 def test_our_settings_are_drawn_and_put_where_they_belong() -> None:
     settings = {"exploration_kwargs": {"uncertainty": "predictive"}, "dynamics_kwargs": {"net_arch": [8]}, "horizon": 3}
     params = drawn(settings)
