@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def reliability_figure(coverage: Mapping[str, th.Tensor], title: str = "") -> Figure:
     """
-    Reliability diagram: coverage against confidence, one panel per state dimension. The diagonal is ideal.
+    Reliability diagram: coverage against confidence, one panel per state dimension. The diagonal is perfect.
 
     :param coverage: reliability curves by name, each of shape (levels, p)
     :param title: title of the figure

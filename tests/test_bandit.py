@@ -43,5 +43,5 @@ def test_what_is_believed_is_the_posterior() -> None:
 
 
 def test_bad_numbers_say_what_to_give() -> None:
-    with pytest.raises(ValueError, match="at least 1 and 0"):
+    with pytest.raises(ValueError, match="at least 1 step and a beta of 0 or more"):
         run(-1.0)

@@ -1,8 +1,9 @@
-"""Every registered task against the environment whose reward, termination and observation it repeats."""
+"""Every registered task against the reward, termination and observation of its environment."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,14 @@ from sb3_hucrl import Task, register_task
 from sb3_hucrl.tasks import (
     CartPoleTask,
     GymnasiumPendulumTask,
+    HalfCheetahTask,
     LearnedReward,
     LearnedTask,
     MountainCarTask,
     PendulumTask,
+    PusherTask,
+    ReacherTask,
+    SparseReacherTask,
     check_task,
     find_task,
     resolve_task,
@@ -50,7 +55,7 @@ LEARNED_REWARD: list[tuple[str, dict[str, Any]]] = [
 
 @dataclass
 class Play:
-    """Real transitions under random actions, with the task that was found for them."""
+    """Real transitions under random actions, and the environment's task."""
 
     task: Task
     states: th.Tensor
@@ -70,7 +75,7 @@ def play(env_id: str, kwargs: dict[str, Any], steps: int = 1_000) -> Play:
     assert task is not None
     columns: list[list[Any]] = [[], [], [], [], []]
     while len(columns[0]) < steps:
-        # Full actions and small ones: some rewards are felt only near zero.
+        # Large and small actions, because some rewards vary only near zero.
         action = env.action_space.sample() * (0.1 if len(columns[0]) % 2 else 1.0)
         following, reward, terminated, truncated, _ = env.step(action.astype(np.float32))
         for column, value in zip(columns, (observation, action, following, reward, terminated), strict=True):
@@ -101,10 +106,10 @@ def test_task_repeats_the_environment(case: tuple[str, dict[str, Any]]) -> None:
     assert played.states.shape == (1_000, task.width)
     th.testing.assert_close(task.reward(*arguments).double(), played.rewards, atol=1e-5, rtol=0)
     assert bool((task.terminated(*arguments) == played.terminated).all())
-    # Pusher-v5's hand lags behind its angles, but for an episode's first observation.
+    # The hand of Pusher-v5 lags behind its angles, except in an episode's first observation.
     th.testing.assert_close(task.observe(played.states), played.observations, atol=1e-4, rtol=0)
     th.testing.assert_close(task.state(task.observe(played.states)), played.states, atol=1e-9, rtol=0)
-    # Single precision, as imagination uses it, is near enough.
+    # Imagination uses single precision.
     single = task.reward(*(argument.float() for argument in arguments))
     th.testing.assert_close(single.double(), played.rewards, atol=1e-3, rtol=1e-5)
 
@@ -151,6 +156,27 @@ def test_sampled_goals_are_distributed_as_the_real_ones(env_id: str) -> None:
     th.testing.assert_close(sampled.std(dim=0), spread, rtol=0.2, atol=0)
 
 
+@pytest.mark.parametrize(
+    ("formula", "arguments", "expected"),
+    [
+        (PendulumTask(0.5).reward_formula, (1.0, 0.0, 0.0), 1.0),
+        (PendulumTask(0.5).reward_formula, (0.85, -1.0, 0.2), 0.1 * 0.1 + 0.5 * (0.1 - 1)),
+        (CartPoleTask(0.5).reward_formula, (0.36, 3.0), math.exp(-1) - 1.5),
+        (ReacherTask(0.5).reward_formula, (0.2, 3.0), -0.2 - 1.5),
+        (SparseReacherTask(0.5, 2.0).reward_formula, (0.2025, 3.0), math.exp(-1) + 0.5 * (math.exp(-6) - 1)),
+        (PusherTask(0.5).reward_formula, (2.0, 4.0, 3.0), -1.0 - 5.0 - 1.5),
+        (HalfCheetahTask(0.5).reward_formula, (-12.0, 3.0), -12.0 - 1.5),
+        (HalfCheetahTask(0.5).reward_formula, (12.0, 3.0), 10.0 - 1.5),
+    ],
+)
+def test_the_shared_formula_is_the_papers_for_floats_and_tensors(
+    formula: Callable[..., Any], arguments: tuple[float, ...], expected: float
+) -> None:
+    assert formula(*arguments) == pytest.approx(expected, abs=1e-12)
+    rows = [th.tensor([argument, argument], dtype=th.float64) for argument in arguments]
+    th.testing.assert_close(formula(*rows), th.tensor([expected, expected], dtype=th.float64))
+
+
 def test_registry_hands_over_the_environments_kwargs() -> None:
     task = find_task(gym.make("HUCRL-Pendulum-v0", action_penalty=0.7).spec, 3)
     assert isinstance(task, PendulumTask)
@@ -194,7 +220,7 @@ def test_task_is_given_by_name_learned_or_imported() -> None:
     [
         ("nowhere.MyTask", "task 'nowhere.MyTask' cannot be imported .* 'learned', or module.Class"),
         ("sb3_hucrl.tasks.Missing", "cannot be imported"),
-        ("collections.Counter", "gave a Counter: it must be a subclass of sb3_hucrl.tasks.Task"),
+        ("collections.Counter", "is a Counter: it must be a subclass of sb3_hucrl.tasks.Task"),
     ],
 )
 def test_a_wrong_task_says_what_to_do(task: str, message: str) -> None:
@@ -203,7 +229,7 @@ def test_a_wrong_task_says_what_to_do(task: str, message: str) -> None:
 
 
 class Lamp(Task):
-    """Two observed values, one of them an angle; every method can be wrong."""
+    """A task with two observed values, whose methods and attributes can be replaced by wrong ones."""
 
     state_dim = 2
 
@@ -218,17 +244,23 @@ class Lamp(Task):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"state_dim": 3}, r"Lamp.state gave shape \(2, 2\) for 2 rows, expected \(2, 3\): state_dim \+ context_dim"),
-        ({"context_dim": 1}, r"Lamp.state gave shape \(2, 2\) for 2 rows, expected \(2, 3\)"),
+        (
+            {"state_dim": 3},
+            r"Lamp.state returned shape \(2, 2\) for 2 rows, expected \(2, 3\): state_dim \+ c",
+        ),
+        ({"context_dim": 1}, r"Lamp.state returned shape \(2, 2\) for 2 rows, expected \(2, 3\)"),
         ({"angle_dims": (0, 2)}, r"Lamp.angle_dims \[2\] lie outside its 2 state dimensions"),
         (
             {"reward": lambda s, a, n: n[:, :1]},
-            r"Lamp.reward gave shape \(2, 1\) .* expected \(2,\): a number",
+            r"Lamp.reward returned shape \(2, 1\) .* expected \(2,\): one number per row",
         ),
-        ({"observe": lambda s: s[:, :1]}, r"Lamp.observe gave shape \(2, 1\) .* what the environment shows"),
-        ({"terminated": lambda s, a, n: n[:, 0]}, r"Lamp.terminated gave torch.float32: it must give torch.bool"),
-        ({"exploratory_states": lambda n, generator: th.zeros(n, 1)}, r"Lamp.exploratory_states gave shape \(2, 1\)"),
-        ({"sample_contexts": lambda n, generator: th.zeros(n, 1)}, r"Lamp.sample_contexts gave shape \(2, 1\)"),
+        ({"observe": lambda s: s[:, :1]}, r"Lamp.observe returned shape \(2, 1\) .* the environment's observation"),
+        ({"terminated": lambda s, a, n: n[:, 0]}, r"Lamp.terminated returned torch.float32: it must return torch.bool"),
+        (
+            {"exploratory_states": lambda n, generator: th.zeros(n, 1)},
+            r"Lamp.exploratory_states returned shape \(2, 1\)",
+        ),
+        ({"sample_contexts": lambda n, generator: th.zeros(n, 1)}, r"Lamp.sample_contexts returned shape \(2, 1\)"),
     ],
 )
 def test_a_task_whose_shapes_do_not_fit_is_refused(wrong: dict[str, Any], message: str) -> None:
@@ -250,6 +282,6 @@ def test_the_cart_poles_exploratory_states_cover_the_slider_and_all_angles_slowl
     for column, reach in ((0, 1.25), (1, math.pi)):
         assert (th.histc(states[:, column], 8, -reach, reach) > 500).all()
     assert float(states[:, 2:].abs().max()) < 0.5
-    # Some stand upright in the middle: the first thing that a policy can learn to like.
+    # Some are upright in the middle of the rail, so that imagination meets the highest reward.
     action = th.zeros(len(states), 1)
     assert float(task.reward(states, action, states).max()) > 0.95

@@ -1,4 +1,4 @@
-"""The seven-joint arm of gymnasium's pusher, as the paper's reacher and pusher use it."""
+"""The paper's reacher arm, made from the seven-joint arm of gymnasium's pusher."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ JOINTS = (
     "r_wrist_flex_joint",
     "r_wrist_roll_joint",
 )
-#: rad, None for joints that turn freely
+#: in rad, None for joints without limits
 REACHER_RANGES = ((-2.2854, 1.7146), (-0.5236, 1.3963), (-3.9, 0.8), (-2.3213, 0.0), None, (-2.094, 0.0), None)
-#: N m s / rad
+#: in N m s / rad
 REACHER_DAMPING = (10.0, 10.0, 0.1, 1.0, 0.1, 0.1, 0.1)
 
 
 def reacher_spec() -> mujoco.MjSpec:
-    """The arm alone in space, with sites 'tool' and 'goal' (appendix B.2.3)."""
+    """The arm without table and object, with sites 'tool' and 'goal' (appendix B.2.3)."""
     spec = load_asset("pusher_v5.xml")
     spec.option.timestep = 0.01
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4

@@ -1,4 +1,4 @@
-"""The paper's cart-pole, swung up from hanging (appendix B.2.2)."""
+"""The paper's cart-pole, which starts hanging (appendix B.2.2)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, set_damping
-from sb3_hucrl.tasks.cartpole import POLE_LENGTH
+from sb3_hucrl.tasks.cartpole import POLE_LENGTH, CartPoleTask
 
 
 def cartpole_spec() -> mujoco.MjSpec:
@@ -38,7 +38,7 @@ def cartpole_spec() -> mujoco.MjSpec:
     for joint in (slider, hinge):
         set_damping(joint, 1.0)
     for geom in (rail, hull, rod):
-        # Nothing collides: the rail ends at the slider's range.
+        # Nothing collides: the slider's range keeps the cart on the rail.
         geom.contype = geom.conaffinity = 0
     motor = spec.add_actuator(target="slider", trntype=mujoco.mjtTrn.mjTRN_JOINT, ctrlrange=[-3, 3])
     motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
@@ -50,9 +50,9 @@ class CartPoleEnv(MujocoTaskEnv):
     """
     Observation (sin θ, cos θ, x, ẋ, θ̇) with θ = 0 hanging; action in [-3, 3], times 100 N.
 
-    The reward of the state that a step leads to is exp(-‖ee‖²/0.6²) - ρ a², ee the vector from the point 0.6 m above
-    the rail's middle to the pole's tip. Episodes never terminate; ``HUCRL-CartPole-v0`` truncates them after 200 steps
-    (8 s).
+    The reward of a step is exp(-‖ee‖²/0.6²) - ρ a², where ee is the vector from the point 0.6 m above the middle of the
+    rail to the pole's tip after the step. Episodes never terminate; ``HUCRL-CartPole-v0`` truncates them after 200
+    steps (8 s).
 
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
@@ -68,6 +68,7 @@ class CartPoleEnv(MujocoTaskEnv):
 
     def __init__(self, action_penalty: float = 0.05, render_mode: str | None = None) -> None:
         super().__init__(cartpole_spec(), 2, 5, action_penalty, render_mode)
+        self.task = CartPoleTask(action_penalty)
 
     def _reset_state(self) -> None:
         self.data.qpos[:] = self.np_random.normal(0.0, 0.1, 2)
@@ -77,6 +78,6 @@ class CartPoleEnv(MujocoTaskEnv):
         x, theta = self.data.qpos
         return np.array([math.sin(theta), math.cos(theta), x, *self.data.qvel])
 
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
+    def _reward(self, effort: float) -> float:
         distance = self.data.site("tip").xpos - self.data.site("target").xpos
-        return float(np.exp(-(distance @ distance) / 0.6**2) - self.action_penalty * (action @ action))
+        return self.task.reward_formula(float(distance @ distance), effort)

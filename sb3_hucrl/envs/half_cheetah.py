@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, load_asset
+from sb3_hucrl.tasks.half_cheetah import HalfCheetahTask
 
-MAX_REWARDED_SPEED = 10.0
 TOTAL_MASS = 14.0
 
 
 def half_cheetah_spec() -> mujoco.MjSpec:
     """gymnasium's half-cheetah with motors in [-2, 2]."""
     spec = load_asset("half_cheetah.xml")
-    # Deprecated in MuJoCo: the environment does it on the compiled model.
+    # This option is deprecated in MuJoCo; the environment sets the mass of the compiled model instead.
     spec.compiler.settotalmass = -1
     for motor in spec.actuators:
         motor.ctrlrange = [-2.0, 2.0]
@@ -26,12 +26,12 @@ def half_cheetah_spec() -> mujoco.MjSpec:
 
 class HalfCheetahEnv(MujocoTaskEnv):
     """
-    Runs, up to a speed of 10 m/s.
+    A robot that is rewarded for running, up to a speed of 10 m/s.
 
-    Observation: the sines and cosines of the seven angles, the height, and the nine velocities; the place along the
-    track is not observed. Action: six motors in [-2, 2]. The reward is min(v, 10) - ρ Σ a², v the forward velocity
-    after the step. Episodes start as gymnasium's and never terminate; ``HUCRL-HalfCheetah-v0`` truncates them after
-    1,000 steps (50 s).
+    Observation: the sines and cosines of the seven angles, the height, and the nine velocities; the position along the
+    track is not observed. Action: six motors in [-2, 2]. The reward is min(v, 10) - ρ Σ a², where v is the forward
+    velocity after the step. Episodes start like gymnasium's and never terminate; ``HUCRL-HalfCheetah-v0`` truncates
+    them after 1,000 steps (50 s).
 
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
@@ -41,6 +41,7 @@ class HalfCheetahEnv(MujocoTaskEnv):
 
     def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
         super().__init__(half_cheetah_spec(), 5, 24, action_penalty, render_mode)
+        self.task = HalfCheetahTask(action_penalty)
         mujoco.mj_setTotalmass(self.model, TOTAL_MASS)
         mujoco.mj_setConst(self.model, self.data)
 
@@ -55,5 +56,5 @@ class HalfCheetahEnv(MujocoTaskEnv):
         height, *angles = self.data.qpos[1:]
         return np.concatenate([np.sin(angles), np.cos(angles), [height], self.data.qvel])
 
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
-        return float(min(self.data.qvel[0], MAX_REWARDED_SPEED) - self.action_penalty * (action @ action))
+    def _reward(self, effort: float) -> float:
+        return self.task.reward_formula(float(self.data.qvel[0]), effort)

@@ -1,4 +1,4 @@
-"""What the package's MuJoCo environments share: stepping, seeding, rendering."""
+"""Base class of the package's MuJoCo environments: stepping, seeding, rendering."""
 
 from __future__ import annotations
 
@@ -22,15 +22,17 @@ SIZE = 480
 
 def load_asset(name: str) -> mujoco.MjSpec:
     """
-    :param name: file name of a robot that gymnasium ships
-    :return: its description, to be edited and compiled
+    :param name: file name of one of gymnasium's robots
+    :return: its specification, to be edited and compiled
     """
     return mujoco.MjSpec.from_file(str(Path(gymnasium.envs.mujoco.__file__).parent / "assets" / name))
 
 
 def set_damping(joint: Any, damping: float) -> None:
     """
-    :param joint: of a description; MuJoCo 4 has a polynomial in the velocity there, MuJoCo 3 a number
+    Set a joint's damping, which is a number in MuJoCo 3 and a polynomial in the velocity in MuJoCo 4.
+
+    :param joint: joint of a specification
     :param damping: in N s / m or N m s / rad
     """
     joint.damping = damping if np.ndim(joint.damping) == 0 else [damping, 0.0, 0.0]
@@ -40,16 +42,16 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
     """
     A compiled MuJoCo model with an action penalty. Actions are clipped to the motors' range.
 
-    :param spec: of the robot and what is around it
+    :param spec: specification of the robot and its surroundings
     :param frame_skip: MuJoCo steps per step of the environment
     :param observation_dim: number of observed values
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
-    :raises ValueError: if the action penalty is negative or the render mode unknown
+    :raises ValueError: if the action penalty is negative or the render mode is unknown
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012  # gymnasium's
-    #: from where the robot is looked at, see mujoco.MjvCamera
+    #: position of the camera, see mujoco.MjvCamera
     camera: ClassVar[dict[str, Any]] = {}
 
     def __init__(
@@ -61,7 +63,6 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
         render_mode: str | None,
     ) -> None:
         require_valid(action_penalty, render_mode, self.metadata["render_modes"])
-        self.action_penalty = action_penalty
         self.render_mode = render_mode
         self.model = spec.compile()
         self.model.vis.global_.offwidth = self.model.vis.global_.offheight = SIZE
@@ -75,16 +76,18 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
 
     @abstractmethod
     def _reset_state(self) -> None:
-        """Set ``data.qpos`` and ``data.qvel``, and draw the episode's goal."""
+        """Draw ``data.qpos``, ``data.qvel`` and the goal of an episode."""
 
     @abstractmethod
     def _observation(self) -> npt.NDArray[np.float64]:
-        """What the agent sees of ``data``."""
+        """The observation of the state in ``data``."""
 
     @abstractmethod
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
+    def _reward(self, effort: float) -> float:
         """
-        :param action: within its bounds; ``data`` is after the step
+        The reward of a step, called when ``data`` holds the next state.
+
+        :param effort: Σ a² of the clipped action
         """
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
@@ -97,10 +100,10 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
 
     def set_state(self, state: npt.ArrayLike) -> Array:
         """
-        Put the robot anywhere, to look at it or to ask what happens next. What is not observed is at rest.
+        Set the state, for example to render it or to predict from it. Unobserved velocities are set to 0.
 
-        :param state: as in the environment's task, with its context or without
-        :return: the observation
+        :param state: as in the environment's task, with or without context
+        :return: observation of the state
         """
         mujoco.mj_resetData(self.model, self.data)
         self._place(np.asarray(state, dtype=np.float64))
@@ -115,10 +118,10 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
         applied = np.clip(action.astype(np.float64), self._low, self._high)
         self.data.ctrl[:] = applied
         mujoco.mj_step(self.model, self.data, nstep=self.frame_skip)
-        # mj_step leaves the positions of bodies and sites one substep behind the joints.
+        # mj_step leaves body and site positions one substep behind the joints.
         mujoco.mj_kinematics(self.model, self.data)
         self._render_human()
-        return self._observation().astype(np.float32), self._reward(applied), False, False, {}
+        return self._observation().astype(np.float32), self._reward(float(applied @ applied)), False, False, {}
 
     def _render_human(self) -> None:
         if self.render_mode == "human":
@@ -137,5 +140,5 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
 
     def close(self) -> None:
         if self._renderer is not None:
-            self._renderer.close()
+            self._renderer.close()  # type: ignore[no-untyped-call]  # gymnasium's
             self._renderer = None

@@ -1,4 +1,4 @@
-"""The paper's inverted pendulum, swung up from rest with a torque that cannot lift it (appendix B.2.1)."""
+"""The paper's pendulum swing-up, with a torque too weak to lift the pendulum directly (appendix B.2.1)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from sb3_hucrl.envs.arguments import require_valid
 from sb3_hucrl.envs.pendulum_render import PendulumRenderer
+from sb3_hucrl.tasks.pendulum import PendulumTask
 
 GRAVITY = 9.81
 MASS = 0.3
@@ -33,9 +34,12 @@ def angular_acceleration(theta: float, omega: float, torque: float) -> float:
 
 def integrate(theta: float, omega: float, torque: float) -> tuple[float, float]:
     """
-    One time step under a constant torque, by the classical Runge-Kutta method of order 4.
+    One time step with a constant torque, by the classical Runge-Kutta method of order 4.
 
-    :return: the next angle and angular velocity
+    :param theta: angle from upright, in rad
+    :param omega: angular velocity, in rad/s
+    :param torque: in N m
+    :return: next angle and angular velocity
     """
     h = TIME_STEP
     k1 = angular_acceleration(theta, omega, torque)
@@ -51,29 +55,24 @@ def integrate(theta: float, omega: float, torque: float) -> tuple[float, float]:
     )
 
 
-def _tolerance(value: float, lower: float, upper: float, margin: float) -> float:
-    distance = max(lower - value, 0.0, value - upper)
-    return math.exp(math.log(0.1) * (distance / margin) ** 2)
-
-
 class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     """
-    Observation (sin θ, cos θ, ω) with θ = 0 upright; action: a torque in [-1, 1] N m, which is clipped.
+    Observation (sin θ, cos θ, ω) with θ = 0 upright; action: a torque, clipped to [-1, 1] N m.
 
-    The reward of a state and the action taken in it is tol(cos θ)·tol(ω) + ρ·(tol(a) - 1): 1 while upright and slow,
-    minus up to ρ for torque. Every episode starts hanging at rest and never terminates; the registered
-    ``HUCRL-Pendulum-v0`` truncates it after 400 steps (5 s).
+    The reward of state and action is tol(cos θ)·tol(ω) + ρ·(tol(a) - 1): 1 while upright and slow, minus up to ρ for
+    torque. Every episode starts hanging at rest and never terminates; ``HUCRL-Pendulum-v0`` truncates it after 400
+    steps (5 s).
 
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
-    :raises ValueError: if the action penalty is negative or the render mode unknown
+    :raises ValueError: if the action penalty is negative or the render mode is unknown
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}  # noqa: RUF012  # gymnasium's
 
     def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
         require_valid(action_penalty, render_mode, self.metadata["render_modes"])
-        self.action_penalty = action_penalty
+        self.task = PendulumTask(action_penalty)
         self.render_mode = render_mode
         bound = np.array([1.0, 1.0, np.inf], dtype=np.float32)
         self.observation_space = spaces.Box(-bound, bound)
@@ -91,10 +90,10 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
 
     def set_state(self, state: npt.ArrayLike) -> npt.NDArray[np.float32]:
         """
-        Put the pendulum anywhere, to look at it or to ask what happens next.
+        Set the state, for example to render it or to predict from it.
 
-        :param state: (θ, ω) as in its task
-        :return: the observation
+        :param state: (θ, ω) as in the task
+        :return: observation of the state
         """
         self.theta, self.omega = (float(value) for value in np.asarray(state))
         self.torque = 0.0
@@ -104,10 +103,7 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
         self, action: npt.NDArray[np.float32]
     ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         self.torque = min(max(float(action[0]), -1.0), 1.0)
-        upright = _tolerance(math.cos(self.theta), 0.95, 1.0, 0.1)
-        slow = _tolerance(self.omega, -0.5, 0.5, 0.5)
-        effortless = _tolerance(self.torque, -0.1, 0.1, 0.1)
-        reward = upright * slow + self.action_penalty * (effortless - 1.0)
+        reward = self.task.reward_formula(math.cos(self.theta), self.omega, self.torque)
         self.theta, self.omega = integrate(self.theta, self.omega, self.torque)
         self._render_human()
         return self._observation(), reward, False, False, {}

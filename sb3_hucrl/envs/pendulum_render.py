@@ -1,4 +1,4 @@
-"""Draws the pendulum, on a window or into an array."""
+"""Renders the pendulum in a window or as an array."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WHITE, GREY, BLACK, RED, BLUE = (255, 255, 255), (200, 200, 200), (30, 30, 30), 
 
 class PendulumRenderer:
     """
-    One surface that both render modes draw on; a window opens only when it is asked for.
+    Draws frames for both render modes. A window opens at the first call of :meth:`show`.
 
     :param fps: frames per second of the window
     """
@@ -33,7 +33,7 @@ class PendulumRenderer:
         pygame.draw.line(self._surface, RED, (centre, centre), tip, width=14)
         pygame.draw.circle(self._surface, RED, tip, 20)
         pygame.draw.circle(self._surface, BLACK, (centre, centre), 8)
-        # A bar at the bottom shows the torque: to the right is clockwise, as the angle counts.
+        # A bar at the bottom shows the torque; positive is clockwise, and to the right.
         bar = pygame.Rect(0, SIZE - 24, int(abs(torque) * SIZE / 2), 12)
         bar.left = centre if torque > 0 else centre - bar.width
         pygame.draw.rect(self._surface, BLUE, bar)
@@ -50,7 +50,7 @@ class PendulumRenderer:
 
     def show(self, theta: float, torque: float) -> None:
         """
-        Draw on the window and wait until the next frame is due.
+        Draw in the window and wait until the next frame is due.
 
         :param theta: angle from upright, in rad
         :param torque: in [-1, 1]
@@ -66,7 +66,7 @@ class PendulumRenderer:
         self._clock.tick(self._fps)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window if it is open."""
         if self._window is not None:
             pygame.display.quit()
             self._window = None

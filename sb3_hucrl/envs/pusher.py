@@ -1,4 +1,4 @@
-"""The paper's pusher: gymnasium's robot with squared distances for a reward (appendix B.2.4)."""
+"""The paper's pusher: gymnasium's robot, rewarded by squared distances (appendix B.2.4)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, load_asset
+from sb3_hucrl.tasks.pusher import PusherTask
 
-#: where the object starts, on its sliders (y, x), in m
+#: mean start position of the object on its sliders (y, x), in m
 OBJECT_MEAN = (-0.25, 0.15)
 OBJECT_STD = 0.025
 
 
 class PusherEnv(MujocoTaskEnv):
     """
-    Pushes an object to a goal with a seven-joint arm.
+    A seven-joint arm that is rewarded for pushing an object to a goal.
 
     Observation: the sines, cosines and velocities of the joints, the object's position and the goal's. Action: seven
-    torques in [-2, 2] N m. The reward of the state that a step leads to is
-    -0.5 ‖ee - object‖² - 1.25 ‖object - goal‖² - ρ Σ a². Episodes never terminate; ``HUCRL-Pusher-v0`` truncates them
-    after 150 steps (6 s). The object's velocity is not observed: it slides on for a moment when it is let go.
+    torques in [-2, 2] N m. The reward is -0.5 ‖ee - object‖² - 1.25 ‖object - goal‖² - ρ Σ a², with the positions after
+    the step. Episodes never terminate; ``HUCRL-Pusher-v0`` truncates them after 150 steps (6 s). The object's velocity
+    is not observed, although the object slides on for a moment after contact.
 
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
@@ -37,6 +38,7 @@ class PusherEnv(MujocoTaskEnv):
 
     def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
         super().__init__(load_asset("pusher_v5.xml"), 4, 27, action_penalty, render_mode)
+        self.task = PusherTask(action_penalty)
 
     def _reset_state(self) -> None:
         self.data.qvel[:7] = self.np_random.uniform(-0.005, 0.005, 7)
@@ -44,7 +46,7 @@ class PusherEnv(MujocoTaskEnv):
 
     def _place(self, state: npt.NDArray[np.float64]) -> None:
         self.data.qpos[:7], self.data.qvel[:7] = state[:7], state[7:14]
-        # The sliders move the object along y and x, from where the robot's description has it.
+        # The sliders move the object along y and x, relative to its position in the specification.
         x, y, _ = state[14:17] - self.model.body("object").pos
         self.data.qpos[7:9] = y, x
 
@@ -53,7 +55,7 @@ class PusherEnv(MujocoTaskEnv):
         places = (self.data.body("object").xpos, self.data.body("goal").xpos)
         return np.concatenate([np.sin(angles), np.cos(angles), self.data.qvel[:7], *places])
 
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
-        hand, thing, goal = (self.data.body(name).xpos for name in ("tips_arm", "object", "goal"))
-        near, there = hand - thing, thing - goal
-        return float(-0.5 * (near @ near) - 1.25 * (there @ there) - self.action_penalty * (action @ action))
+    def _reward(self, effort: float) -> float:
+        hand, object_place, goal = (self.data.body(name).xpos for name in ("tips_arm", "object", "goal"))
+        near, there = hand - object_place, object_place - goal
+        return self.task.reward_formula(float(near @ near), float(there @ there), effort)

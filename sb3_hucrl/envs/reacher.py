@@ -1,4 +1,4 @@
-"""The paper's reacher, with a dense and with a sparse reward (appendices B.2.3 and B.2.5)."""
+"""The paper's reacher, with a dense or a sparse reward (appendices B.2.3 and B.2.5)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import numpy.typing as npt
 
 from sb3_hucrl.envs.arm import reacher_spec
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv
-from sb3_hucrl.tasks.reacher import GOAL_MEAN, GOAL_STD
+from sb3_hucrl.tasks.reacher import GOAL_MEAN, GOAL_STD, ReacherTask, SparseReacherTask
 
 
 class ReacherEnv(MujocoTaskEnv):
     """
-    Brings the tool point of a seven-joint arm to a goal that each episode draws anew, from N((0, 0.25, 0), 0.1²).
+    A seven-joint arm that is rewarded for bringing its tool point to a goal, drawn from N((0, 0.25, 0), 0.1²) at each
+    reset.
 
     Observation: the sines, cosines and velocities of the joints, and the goal. Action: seven torques in [-20, 20] N m.
-    The reward of the state that a step leads to is -‖ee - goal‖² - ρ Σ a². Episodes start at rest with all joints at
-    0 and never terminate; ``HUCRL-Reacher-v0`` truncates them after 150 steps (3 s).
+    The reward is -‖ee - goal‖² - ρ Σ a², with the tool point ee after the step. Episodes start at rest with all joints
+    at 0 and never terminate; ``HUCRL-Reacher-v0`` truncates them after 150 steps (3 s).
 
     :param action_penalty: ρ, 0 or more
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
@@ -34,6 +35,7 @@ class ReacherEnv(MujocoTaskEnv):
 
     def __init__(self, action_penalty: float = 0.01, render_mode: str | None = None) -> None:
         super().__init__(reacher_spec(), 2, 24, action_penalty, render_mode)
+        self.task = ReacherTask(action_penalty)
         self.goal = np.array(GOAL_MEAN)
 
     def _reset_state(self) -> None:
@@ -52,27 +54,20 @@ class ReacherEnv(MujocoTaskEnv):
         qpos = self.data.qpos
         return np.concatenate([np.sin(qpos), np.cos(qpos), self.data.qvel, self.goal])
 
-    def _squared_distance(self) -> float:
+    def _reward(self, effort: float) -> float:
         distance = self.data.site("tool").xpos - self.goal
-        return float(distance @ distance)
-
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
-        return -self._squared_distance() - self.action_penalty * float(action @ action)
+        return self.task.reward_formula(float(distance @ distance), effort)
 
 
 class SparseReacherEnv(ReacherEnv):
     """
-    The same arm with a reward that is felt only near the goal: exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1).
+    The same arm with a reward that vanishes far from the goal: exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1).
 
     :param action_penalty: ρ, 0 or more
-    :param action_scale: k; the paper prints 1, its authors' program uses 0.5
+    :param action_scale: k; the paper has 1, its authors' code 0.5
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
     """
 
     def __init__(self, action_penalty: float = 0.1, action_scale: float = 1.0, render_mode: str | None = None) -> None:
         super().__init__(action_penalty, render_mode)
-        self.action_scale = action_scale
-
-    def _reward(self, action: npt.NDArray[np.float64]) -> float:
-        effort = np.exp(-self.action_scale * (action @ action)) - 1
-        return float(np.exp(-self._squared_distance() / 0.45**2) + self.action_penalty * effort)
+        self.task = SparseReacherTask(action_penalty, action_scale)

@@ -1,7 +1,8 @@
-"""What is known of an environment and need not be learned."""
+"""Tasks: what is known about an environment and need not be learned."""
 
 from sb3_hucrl.tasks.angles import AngleTask
-from sb3_hucrl.tasks.base import Task, tolerance
+from sb3_hucrl.tasks.arithmetic import tolerance
+from sb3_hucrl.tasks.base import Task
 from sb3_hucrl.tasks.cartpole import CartPoleTask
 from sb3_hucrl.tasks.check import check_task
 from sb3_hucrl.tasks.gymnasium_classic import GymnasiumPendulumTask, MountainCarTask
@@ -16,9 +17,10 @@ from sb3_hucrl.tasks.locomotion import LocomotionTask
 from sb3_hucrl.tasks.pendulum import PendulumTask
 from sb3_hucrl.tasks.pusher import PusherTask
 from sb3_hucrl.tasks.reacher import ReacherTask, SparseReacherTask
-from sb3_hucrl.tasks.registry import find_task, register_task, resolve_task
+from sb3_hucrl.tasks.registry import TASKS, find_task, register_task, resolve_task
 
 __all__ = [
+    "TASKS",
     "AngleTask",
     "CartPoleTask",
     "GymnasiumPendulumTask",

@@ -1,4 +1,4 @@
-"""States with angles, observed as their sines and cosines."""
+"""States whose angles are observed as sines and cosines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sb3_hucrl.tasks.base import Task
 
 class AngleTask(Task):
     """
-    Observation (sines of the angles, cosines of the angles, the rest of the state, context). A subclass gives
+    Observation (sines of the angles, cosines of the angles, the rest of the state, context). A subclass sets
     ``state_dim``, ``angle_dims`` and ``context_dim``.
     """
 
@@ -17,7 +17,7 @@ class AngleTask(Task):
         angles = list(self.angle_dims)
         others = [dim for dim in range(self.width) if dim not in self.angle_dims]
         self._angles, self._others = th.tensor(angles), th.tensor(others)
-        # Where each state dimension is found in (angles, others).
+        # Index of each state dimension in (angles, others).
         self._order = [(angles + others).index(dim) for dim in range(self.width)]
 
     def observe(self, state: th.Tensor) -> th.Tensor:

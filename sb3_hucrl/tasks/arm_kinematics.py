@@ -1,4 +1,4 @@
-"""Where the hand of the seven-joint arm is, in batched torch."""
+"""Forward kinematics of the seven-joint arm, in batched torch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def _rotate(vector: th.Tensor, angle: th.Tensor, axis: int) -> th.Tensor:
     """
     :param vector: shape (B, 3)
     :param angle: in rad, shape (B,)
-    :param axis: 0, 1 or 2, about which to turn by the right-hand rule
+    :param axis: axis of rotation, 0, 1 or 2; the right-hand rule gives the direction
     """
     first, second = (axis + 1) % 3, (axis + 2) % 3
     sine, cosine = angle.sin(), angle.cos()
@@ -24,13 +24,13 @@ def _rotate(vector: th.Tensor, angle: th.Tensor, axis: int) -> th.Tensor:
 
 def hand_position(angles: th.Tensor, base: tuple[float, float, float], tool_length: float) -> th.Tensor:
     """
-    Forward kinematics, from the hand back to the shoulder.
+    Position of a point on the hand, computed from the hand back to the shoulder.
 
     :param angles: shoulder pan and lift, upper-arm roll, elbow flex, forearm roll, wrist flex and roll; in rad,
         shape (B, 7)
-    :param base: of the shoulder, in m
-    :param tool_length: from the wrist to the point that is asked for, along the hand, in m
-    :return: in the world's frame, shape (B, 3)
+    :param base: position of the shoulder, in m
+    :param tool_length: distance of the point from the wrist, along the hand, in m
+    :return: world coordinates in m, shape (B, 3)
     """
     pan, lift, upper_roll, elbow, forearm_roll, wrist_flex, wrist_roll = angles.unbind(dim=1)
 

@@ -1,4 +1,4 @@
-"""The paper's cart-pole."""
+"""The task of the paper's cart-pole."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import torch as th
 
 from sb3_hucrl.tasks.angles import AngleTask
+from sb3_hucrl.tasks.arithmetic import Number, exp
 
 POLE_LENGTH = 0.6
 #: half of the slider's range, in m
@@ -27,14 +28,22 @@ class CartPoleTask(AngleTask):
         super().__init__()
         self.action_penalty = action_penalty
 
+    def reward_formula(self, squared_distance: Number, effort: Number) -> Number:
+        """
+        exp(-d²/0.6²) - ρ a², also the environment's reward.
+
+        :param squared_distance: d², from the pole's tip to the point 0.6 m above the middle of the rail, in m²
+        :param effort: a²
+        """
+        return exp(-squared_distance / 0.6**2) - self.action_penalty * effort
+
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
         x, theta = next_state[:, 0], next_state[:, 1]
         across = x - POLE_LENGTH * theta.sin()
         below = POLE_LENGTH * (1 + theta.cos())
-        closeness = (-(across.square() + below.square()) / 0.6**2).exp()
-        return closeness - self.action_penalty * action.square().sum(dim=1)
+        return self.reward_formula(across.square() + below.square(), action.square().sum(dim=1))
 
     def exploratory_states(self, n: int, generator: th.Generator | None) -> th.Tensor:
-        """x ~ U(-1.25, 1.25) m, θ ~ U(-π, π), nearly at rest: ẋ and θ̇ ~ N(0, 0.05²)."""
+        """x ~ U(-1.25, 1.25) m, θ ~ U(-π, π); ẋ and θ̇ ~ N(0, 0.05²), nearly at rest."""
         pose = (2 * th.rand(n, 2, generator=generator) - 1) * th.tensor([EXPLORED_POSITION, math.pi])
         return th.cat([pose, 0.05 * th.randn(n, 2, generator=generator)], dim=1)

@@ -1,4 +1,4 @@
-"""Finds out before training whether a task fits its environment."""
+"""Checks before training that a task fits its environment."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ ROWS = 2
 
 def check_task(task: Task, observation_dim: int, action_dim: int) -> None:
     """
-    Ask a task about two observations and see whether the answers have the right shapes.
+    Call every method of a task with two rows and check the shapes of the results.
 
-    :param task: anybody's
+    :param task: task to be checked
     :param observation_dim: of the environment
     :param action_dim: q, without the hallucinated dimensions
-    :raises ValueError: if a method's answer does not fit
+    :raises ValueError: if a method fails or returns a wrong shape
     """
     name = type(task).__name__
     outside = [dim for dim in task.angle_dims if not 0 <= dim < task.state_dim]
@@ -28,17 +28,17 @@ def check_task(task: Task, observation_dim: int, action_dim: int) -> None:
     states = _ask(task, "state", observations)
     _require_shape(task, "state", states, (task.width,), "state_dim + context_dim columns")
     observed = _ask(task, "observe", states)
-    _require_shape(task, "observe", observed, (observation_dim,), "what the environment shows")
+    _require_shape(task, "observe", observed, (observation_dim,), "the environment's observation")
     reward = _ask(task, "reward", states, actions, states)
-    _require_shape(task, "reward", reward, (), "a number for every row")
+    _require_shape(task, "reward", reward, (), "one number per row")
     terminated = _ask(task, "terminated", states, actions, states)
-    _require_shape(task, "terminated", terminated, (), "a boolean for every row")
+    _require_shape(task, "terminated", terminated, (), "one boolean per row")
     if terminated.dtype != th.bool:
-        raise ValueError(f"{name}.terminated gave {terminated.dtype}: it must give torch.bool")
+        raise ValueError(f"{name}.terminated returned {terminated.dtype}: it must return torch.bool")
     for method, columns in (("exploratory_states", task.width), ("sample_contexts", task.context_dim)):
         drawn = _ask(task, method, ROWS, None)
         if drawn is not None:
-            _require_shape(task, method, drawn, (columns,), "one draw in every row")
+            _require_shape(task, method, drawn, (columns,), "one sample per row")
 
 
 def _ask(task: Task, method: str, *arguments: Any) -> Any:
@@ -47,13 +47,13 @@ def _ask(task: Task, method: str, *arguments: Any) -> Any:
     except (IndexError, RuntimeError) as error:
         shapes = [tuple(argument.shape) for argument in arguments if isinstance(argument, th.Tensor)]
         raise ValueError(
-            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): is it the task of this environment?"
+            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): use the task of this environment"
         ) from error
 
 
 def _require_shape(task: Task, method: str, answer: th.Tensor, columns: tuple[int, ...], meaning: str) -> None:
     if tuple(answer.shape) != (ROWS, *columns):
         raise ValueError(
-            f"{type(task).__name__}.{method} gave shape {tuple(answer.shape)} for {ROWS} rows, expected "
+            f"{type(task).__name__}.{method} returned shape {tuple(answer.shape)} for {ROWS} rows, expected "
             f"{(ROWS, *columns)}: {meaning}"
         )

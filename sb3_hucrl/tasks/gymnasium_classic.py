@@ -1,4 +1,4 @@
-"""gymnasium's classic control with continuous actions."""
+"""Tasks of gymnasium's classic control environments with continuous actions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class GymnasiumPendulumTask(Task):
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
         theta, omega = state.unbind(dim=1)
         angle = th.remainder(theta + math.pi, 2 * math.pi) - math.pi
-        # Imagination may be faster than the environment allows, and must not pay for that.
+        # The environment clips ω, and imagination must not be punished for speeds beyond that.
         omega = omega.clamp(-8, 8)
         return -(angle.square() + 0.1 * omega.square() + 0.001 * action[:, 0].square())
 
@@ -33,9 +33,9 @@ class GymnasiumPendulumTask(Task):
 
 class MountainCarTask(Task):
     """
-    ``MountainCarContinuous-v0``: state (position, velocity), 100 for reaching the flag, minus 0.1 a².
+    ``MountainCarContinuous-v0``: state (position, velocity), reward 100 for reaching the flag, minus 0.1 a².
 
-    :param goal_velocity: with which the flag must be passed
+    :param goal_velocity: smallest velocity at the flag
     """
 
     state_dim = 2

@@ -1,4 +1,4 @@
-"""gymnasium's MuJoCo environments whose reward is a function of what they show."""
+"""Tasks of gymnasium's MuJoCo environments whose reward is a function of the observation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sb3_hucrl.tasks.pusher import BASE as PUSHER_BASE
 
 
 class InvertedPendulumTask(Task):
-    """``InvertedPendulum-v5``: state (x, θ, ẋ, θ̇), 1 for every step that does not tilt the pole beyond 0.2 rad."""
+    """``InvertedPendulum-v5``: state (x, θ, ẋ, θ̇), reward 1 unless the pole tilts beyond 0.2 rad."""
 
     state_dim = 4
 
@@ -27,11 +27,11 @@ class GymnasiumReacherTask(Task):
     """
     ``Reacher-v5``: state (2 angles, 2 velocities, the fingertip's x and y), context: the target's x and y.
 
-    The fingertip is a part of the state because the environment shows and pays for where it was in the middle of
-    MuJoCo's last step, which the angles at its end do not tell.
+    The fingertip is part of the state because the environment observes and rewards its position in the middle of
+    MuJoCo's last step, which cannot be computed from the angles at the end of the step.
 
-    :param reward_dist_weight: of the distance between fingertip and target
-    :param reward_control_weight: of Σ a²
+    :param reward_dist_weight: weight of the distance between fingertip and target
+    :param reward_control_weight: weight of Σ a²
     """
 
     state_dim = 6
@@ -43,7 +43,7 @@ class GymnasiumReacherTask(Task):
         self.reward_control_weight = reward_control_weight
 
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        distance = (next_state[:, 4:6] - next_state[:, 6:]).norm(dim=1)
+        distance: th.Tensor = (next_state[:, 4:6] - next_state[:, 6:]).norm(dim=1)
         return -self.reward_dist_weight * distance - self.reward_control_weight * action.square().sum(dim=1)
 
     def observe(self, state: th.Tensor) -> th.Tensor:
@@ -55,7 +55,7 @@ class GymnasiumReacherTask(Task):
         return th.cat([th.atan2(sines, cosines), velocities, target + offset, target], dim=1)
 
     def sample_contexts(self, n: int, generator: th.Generator | None) -> th.Tensor:
-        """Targets, uniform in a disc of 0.2 m."""
+        """Targets, uniform in a disc of radius 0.2 m."""
         radius, turn = th.rand(2, n, generator=generator)
         radius, angle = 0.2 * radius.sqrt(), 2 * math.pi * turn
         return th.stack([radius * angle.cos(), radius * angle.sin()], dim=1)
@@ -63,13 +63,14 @@ class GymnasiumReacherTask(Task):
 
 class GymnasiumPusherTask(Task):
     """
-    ``Pusher-v5``: state (7 angles, 7 velocities, the object's place), context: the goal's place.
+    ``Pusher-v5``: state (7 angles, 7 velocities, object position), context: the goal position.
 
-    The hand is where the environment shows it and pays for it: one MuJoCo step of 0.01 s before the angles.
+    The environment observes and rewards the hand's position one MuJoCo step of 0.01 s before the angles, and so does
+    this task.
 
-    :param reward_near_weight: of the distance between hand and object
-    :param reward_dist_weight: of the distance between object and goal
-    :param reward_control_weight: of Σ a²
+    :param reward_near_weight: weight of the distance between hand and object
+    :param reward_dist_weight: weight of the distance between object and goal
+    :param reward_control_weight: weight of Σ a²
     """
 
     state_dim = 17
@@ -89,9 +90,9 @@ class GymnasiumPusherTask(Task):
         return hand_position(angles - 0.01 * velocities, PUSHER_BASE, tool_length=0.0)
 
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        thing = next_state[:, 14:17]
-        near = (thing - self._hand(next_state)).norm(dim=1)
-        there = (thing - next_state[:, 17:]).norm(dim=1)
+        object_place = next_state[:, 14:17]
+        near: th.Tensor = (object_place - self._hand(next_state)).norm(dim=1)
+        there: th.Tensor = (object_place - next_state[:, 17:]).norm(dim=1)
         effort = action.square().sum(dim=1)
         return -(self.reward_near_weight * near + self.reward_dist_weight * there + self.reward_control_weight * effort)
 

@@ -1,4 +1,4 @@
-"""Reward and termination that nobody wrote down: the dynamics model learns them as further outputs."""
+"""Unknown reward and termination, which the dynamics model learns as further state dimensions."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import torch as th
 
 from sb3_hucrl.tasks.base import Task
 
-#: below this probability of an end, the prediction is the noise of a regression onto zeros
+#: a smaller predicted probability of termination counts as 0, because it is only regression noise
 NEGLIGIBLE = 0.02
 
 
 class LearnedReward(Task):
     """
-    State (observation, reward): the reward is predicted like a state dimension, with an uncertainty of its own.
+    State (observation, reward): the reward is predicted like a state dimension, with its own uncertainty.
 
-    Subclasses may know when the task terminates, or a state smaller than the observation.
+    A subclass may define the termination, or a state smaller than the observation.
 
-    :param observation_dim: of the real environment
-    :param hallucinate_reward: whether a′ steers the reward as well. It then has one dimension more:
+    :param observation_dim: number of observed values
+    :param hallucinate_reward: whether a′ also steers the reward. Then a′ has one more dimension:
         ``HallucinationWrapper(env, hallucinated_dim=observation_dim + 1)``
     """
 
@@ -49,12 +49,12 @@ class LearnedReward(Task):
 
 class LearnedTask(LearnedReward):
     """
-    State (observation, reward, termination): termination is learned as 1 where real episodes ended and 0 elsewhere, so
-    its prediction is a probability, with which imagined trajectories end. Ends are rare, and seldom predicted with more
-    certainty than one half. What an end hangs on must be visible in the observation and the action.
+    State (observation, reward, termination): the target of termination is 1 where a real episode terminated and 0
+    elsewhere, so that its prediction is the probability with which an imagined trajectory terminates. Terminations are
+    rare, so predicted probabilities seldom exceed one half. Termination must depend on the observation and the action.
 
-    :param observation_dim: of the real environment
-    :param hallucinate_reward: whether a′ steers the reward as well, see :class:`LearnedReward`
+    :param observation_dim: number of observed values
+    :param hallucinate_reward: whether a′ also steers the reward, see :class:`LearnedReward`
     """
 
     outcome_dim = 2

@@ -1,4 +1,4 @@
-"""gymnasium's walking robots: termination is known, the reward is not."""
+"""Tasks of gymnasium's walking robots: the termination is known, the reward is learned."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ class LocomotionTask(LearnedReward):
     """
     ``HalfCheetah-v5``, ``Hopper-v5``, ``Walker2d-v5``, ``Swimmer-v5`` and ``Ant-v5``.
 
-    They pay for the way made within a step, which their observations leave out (and Ant's for contact forces, which
-    they clip): so the reward is learned. They end where an observed value leaves its healthy range.
+    Their reward is the distance moved in a step, which is not observed (and for Ant also contact forces, which are
+    observed only after clipping), so the reward is learned. They terminate when an observed value leaves its healthy
+    range.
 
-    :param observation_dim: of the environment
-    :param healthy: open interval by index of the observation
+    :param observation_dim: number of observed values
+    :param healthy: healthy open interval by index of the observation
     """
 
     def __init__(self, observation_dim: int, healthy: Mapping[int, tuple[float, float]]) -> None:

@@ -1,10 +1,11 @@
-"""Pushing an object to a goal: the paper's task."""
+"""The task of the paper's pusher: pushing an object to a goal."""
 
 from __future__ import annotations
 
 import torch as th
 
 from sb3_hucrl.tasks.angles import AngleTask
+from sb3_hucrl.tasks.arithmetic import Number
 from sb3_hucrl.tasks.arm_kinematics import hand_position
 
 BASE = (0.0, -0.6, 0.0)
@@ -12,7 +13,7 @@ BASE = (0.0, -0.6, 0.0)
 
 class PusherTask(AngleTask):
     """
-    State (7 angles, 7 velocities, the object's place), context: the goal's place (appendix B.2.4).
+    State (7 angles, 7 velocities, object position), context: the goal position (appendix B.2.4).
 
     :param action_penalty: ρ
     """
@@ -25,8 +26,21 @@ class PusherTask(AngleTask):
         super().__init__()
         self.action_penalty = action_penalty
 
+    def reward_formula(self, hand_to_object: Number, object_to_goal: Number, effort: Number) -> Number:
+        """
+        -0.5 ‖ee - object‖² - 1.25 ‖object - goal‖² - ρ Σ a², also the environment's reward.
+
+        :param hand_to_object: squared distance, in m²
+        :param object_to_goal: squared distance, in m²
+        :param effort: Σ a²
+        """
+        return -0.5 * hand_to_object - 1.25 * object_to_goal - self.action_penalty * effort
+
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        thing = next_state[:, 14:17]
-        near = (hand_position(next_state[:, :7], BASE, tool_length=0.0) - thing).square().sum(dim=1)
-        there = (thing - next_state[:, 17:]).square().sum(dim=1)
-        return -0.5 * near - 1.25 * there - self.action_penalty * action.square().sum(dim=1)
+        object_place, goal = next_state[:, 14:17], next_state[:, 17:]
+        hand = hand_position(next_state[:, :7], BASE, tool_length=0.0)
+        return self.reward_formula(
+            (hand - object_place).square().sum(dim=1),
+            (object_place - goal).square().sum(dim=1),
+            action.square().sum(dim=1),
+        )

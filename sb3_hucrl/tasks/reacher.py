@@ -1,10 +1,11 @@
-"""The paper's reachers: state (7 angles, 7 velocities), context: the goal."""
+"""The tasks of the paper's reachers: state (7 angles, 7 velocities), context: the goal position."""
 
 from __future__ import annotations
 
 import torch as th
 
 from sb3_hucrl.tasks.angles import AngleTask
+from sb3_hucrl.tasks.arithmetic import Number, exp
 from sb3_hucrl.tasks.arm_kinematics import hand_position
 
 BASE = (0.0, -0.188, 0.0)
@@ -16,7 +17,7 @@ GOAL_STD = 0.1
 
 class ReacherTask(AngleTask):
     """
-    Reward -‖ee - goal‖² - ρ Σ a² (appendix B.2.3).
+    Dense reward -‖ee - goal‖² - ρ Σ a² (appendix B.2.3).
 
     :param action_penalty: ρ
     """
@@ -29,15 +30,24 @@ class ReacherTask(AngleTask):
         super().__init__()
         self.action_penalty = action_penalty
 
+    def reward_formula(self, squared_distance: Number, effort: Number) -> Number:
+        """
+        The reward of the class's description, also the environment's reward.
+
+        :param squared_distance: ‖ee - goal‖², in m²
+        :param effort: Σ a²
+        """
+        return -squared_distance - self.action_penalty * effort
+
     def squared_distance(self, state: th.Tensor) -> th.Tensor:
         """
         :param state: shape (B, 17)
-        :return: between tool and goal, in m², shape (B,)
+        :return: ‖ee - goal‖², in m², shape (B,)
         """
         return (hand_position(state[:, :7], BASE, TOOL_LENGTH) - state[:, 14:]).square().sum(dim=1)
 
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        return -self.squared_distance(next_state) - self.action_penalty * action.square().sum(dim=1)
+        return self.reward_formula(self.squared_distance(next_state), action.square().sum(dim=1))
 
     def sample_contexts(self, n: int, generator: th.Generator | None) -> th.Tensor:
         """Goals ~ N((0, 0.25, 0), 0.1²)."""
@@ -46,7 +56,7 @@ class ReacherTask(AngleTask):
 
 class SparseReacherTask(ReacherTask):
     """
-    Reward exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1) (appendix B.2.5).
+    Sparse reward exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1) (appendix B.2.5).
 
     :param action_penalty: ρ
     :param action_scale: k
@@ -56,6 +66,6 @@ class SparseReacherTask(ReacherTask):
         super().__init__(action_penalty)
         self.action_scale = action_scale
 
-    def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
-        effort = (-self.action_scale * action.square().sum(dim=1)).exp() - 1
-        return (-self.squared_distance(next_state) / 0.45**2).exp() + self.action_penalty * effort
+    def reward_formula(self, squared_distance: Number, effort: Number) -> Number:
+        effortless = exp(-self.action_scale * effort)
+        return exp(-squared_distance / 0.45**2) + self.action_penalty * (effortless - 1)

@@ -1,4 +1,4 @@
-"""The paper's theory as functions. :mod:`sb3_hucrl.theory.bandit`, which needs a model, is not imported from here."""
+"""The paper's theory as functions. Import :mod:`sb3_hucrl.theory.bandit`, which needs GPyTorch, by its own name."""
 
 from sb3_hucrl.dynamics.confidence import confidence_width
 from sb3_hucrl.theory.domain import domain_radius, noise_bound, noise_bound_over_time, noise_sum_bound, state_deviation

@@ -1,4 +1,4 @@
-"""Model-based reinforcement learning at its simplest: one step, linear reward, a bandit (appendix A)."""
+"""GP-UCB, to which H-UCRL reduces for one step and a linear reward (appendix A)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from sb3_hucrl.dynamics.hyperparameters import rbf_kernel
 @dataclass(frozen=True)
 class BanditRun:
     """
-    What was tried, and what is believed in the end.
+    Decisions and final posterior of a bandit algorithm.
 
-    :param chosen: index of the candidate of each step, shape (T,)
-    :param observed: noisy values of these, shape (T,)
+    :param chosen: index of the candidate chosen in each step, shape (T,)
+    :param observed: noisy values of the chosen candidates, shape (T,)
     :param mean: posterior mean of all candidates after the last step, shape (m,)
-    :param std: posterior standard deviation of the same, shape (m,)
+    :param std: posterior standard deviation of all candidates after the last step, shape (m,)
     """
 
     chosen: th.Tensor
@@ -41,22 +41,22 @@ def gp_ucb(
     outputscale: float = 1.0,
 ) -> BanditRun:
     """
-    GP-UCB (Srinivas et al. 2012): try what maximises μ(θ) + β σ(θ). With β = 0 it is the expected performance of
-    equation (16), which is greedy.
+    GP-UCB (Srinivas et al. 2012): each step chooses the candidate that maximises μ(θ) + β σ(θ). With β = 0 it maximises
+    the expected performance, equation (16), which is greedy.
 
-    :param objective: J of parameters (n, d), shape (n,)
-    :param candidates: parameters θ among which is chosen, shape (m, d)
+    :param objective: J, maps parameters (n, d) to values (n,)
+    :param candidates: parameters θ to choose from, shape (m, d)
     :param beta: β
     :param num_steps: T, at least 1
-    :param first: index of the candidate that is tried before anything is known
-    :param lengthscale: of the squared exponential kernel
+    :param first: index of the candidate chosen in the first step
+    :param lengthscale: lengthscale of the squared exponential kernel
     :param noise_std: σ of the observations
     :param generator: draws the noise, on the CPU
     :param outputscale: prior standard deviation
-    :raises ValueError: if there is no step, or β is negative
+    :raises ValueError: if the number of steps is below 1 or β is negative
     """
     if num_steps < 1 or not beta >= 0:
-        raise ValueError(f"num_steps is {num_steps}, beta {beta}: give at least 1 and 0")
+        raise ValueError(f"num_steps is {num_steps} and beta {beta}: give at least 1 step and a beta of 0 or more")
     values, candidates = objective(candidates).double(), candidates.double()
     kernel = rbf_kernel(th.Size([1]), candidates.shape[1], lengthscale, outputscale)
     noise_variance = th.full((1, 1), noise_std**2, dtype=th.float64)

@@ -1,7 +1,7 @@
 """
-How far noise and dynamics can take the state (appendix I).
+Bounds on the distance of states from the initial state (appendix I).
 
-A σ-sub-Gaussian ω has P(|ω| > s) ≤ exp(1 - s²/σ²) (Definition 1); a normal distribution of standard deviation v is
+A σ-sub-Gaussian ω has P(|ω| > s) ≤ exp(1 - s²/σ²) (Definition 1); a normal distribution with standard deviation v is
 √2 v-sub-Gaussian.
 """
 
@@ -14,8 +14,8 @@ def noise_bound(sigma: float, dim: int, delta: float) -> float:
     """
     Bound on ‖ω‖₂² that holds with probability 1 - δ, for Lemma 21: 2σ² (p ln(1 + e) + ln(1/δ)).
 
-    The paper prints 2σp + (4σ/e) ln(2/δ), which is linear in σ where ‖ω‖² is quadratic, and so too small for a large
-    σ. This one follows from Definition 1 by E exp(ω²/(2σ²)) ≤ 1 + e and Chernoff's inequality.
+    The paper has 2σp + (4σ/e) ln(2/δ), which is linear in σ although ‖ω‖² is quadratic, and so too small for a large
+    σ. The bound here follows from Definition 1 by E exp(ω²/(2σ²)) ≤ 1 + e and Chernoff's inequality.
 
     :param sigma: σ of each entry
     :param dim: p
@@ -26,8 +26,8 @@ def noise_bound(sigma: float, dim: int, delta: float) -> float:
 
 def noise_bound_over_time(sigma: float, dim: int, delta: float, step: int) -> float:
     """
-    Bound on ‖ω_n‖₂² that holds for all n ≥ 0 together with probability 1 - δ (Lemma 22): step n may fail with
-    probability 6δ / (π (n + 1))².
+    Bound on ‖ω_n‖₂² that holds simultaneously for all n ≥ 0 with probability 1 - δ (Lemma 22): step n fails with
+    probability at most 6δ / (π (n + 1))².
 
     :param sigma: σ of each entry
     :param dim: p
@@ -39,8 +39,8 @@ def noise_bound_over_time(sigma: float, dim: int, delta: float, step: int) -> fl
 
 def noise_sum_bound(sigma: float, dim: int, delta: float, horizon: int, episode: int | None = None) -> float:
     """
-    Bound on Σ_n ‖ω_n‖₂ over an episode, with probability 1 - δ (Lemma 23), or over each of all episodes together
-    (Lemma 24).
+    Bound on Σ_n ‖ω_n‖₂ over one episode (Lemma 23), or simultaneously over each of all episodes (Lemma 24), with
+    probability 1 - δ.
 
     :param sigma: σ of each entry
     :param dim: p
@@ -61,7 +61,7 @@ def state_deviation(closed_loop: float, first_step: float, step: int, noise_sum:
     :param closed_loop: L_fc, Lipschitz constant of the closed loop
     :param first_step: ‖f(s_0) - s_0‖
     :param step: n ≥ 1
-    :param noise_sum: Σ_i ‖ω_i‖ until then
+    :param noise_sum: Σ_i ‖ω_i‖ up to step n
     """
     return (1 + closed_loop) ** (step - 1) * (step * first_step + noise_sum)
 
@@ -70,9 +70,9 @@ def domain_radius(
     closed_loop: float, first_step: float, sigma: float, dim: int, delta: float, horizon: int, episode: int
 ) -> float:
     """
-    b_t: all states of all episodes are this close to s_0, with probability 1 - δ (Lemma 26).
+    b_t, bound on the distance of all states of all episodes from s_0, with probability 1 - δ (Lemma 26).
 
-    The lemma's statement has L_fc where its proof has 1 + L_fc; this is the proof's.
+    The lemma's statement has L_fc where its proof has 1 + L_fc; this function follows the proof.
 
     :param closed_loop: L_fc
     :param first_step: B_0, bound on ‖f(s_0) - s_0‖₂

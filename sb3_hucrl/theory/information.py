@@ -1,4 +1,4 @@
-"""What observations tell about a Gaussian process (appendix F.1)."""
+"""Information gain of observations of a Gaussian process (appendix F.1)."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import torch as th
 
-#: k(x, x′) of points: (m, d) and (n, d) to (m, n)
+#: kernel matrix of points, maps (m, d) and (n, d) to (m, n)
 KernelFunction = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 
 def information_gain(kernel_matrix: th.Tensor, noise_std: float) -> float:
     """
-    I(y; f) = ``½ ln |I + K / σ²|``, equation (63).
+    The information gain I(y; f) = ``½ ln |I + K / σ²|``, equation (63).
 
     :param kernel_matrix: K of the observed points, shape (n, n)
     :param noise_std: σ
@@ -27,10 +27,11 @@ def greedy_information_gains(
     kernel: KernelFunction, candidates: th.Tensor, noise_std: float, num_observations: int
 ) -> th.Tensor:
     """
-    Observe where the posterior variance is largest, again and again. A point may be observed more than once.
+    Information gains of a greedy sequence of observations, each at the largest posterior variance. A point may be
+    observed more than once.
 
-    :param kernel: of the Gaussian process
-    :param candidates: where can be observed, shape (m, d)
+    :param kernel: kernel of the Gaussian process
+    :param candidates: points that can be observed, shape (m, d)
     :param noise_std: σ
     :param num_observations: t
     :return: I(y; f) after 1 to t observations, shape (t,)
@@ -52,11 +53,11 @@ def information_capacity(
     kernel: KernelFunction, candidates: th.Tensor, noise_std: float, num_observations: int
 ) -> float:
     """
-    Upper bound on γ_t of equation (64) among the candidates. Information is monotone and submodular, so that greedy
-    choices reach at least 1 - 1/e of the largest (Nemhauser et al. 1978; Srinivas et al. 2012).
+    Upper bound on γ_t of equation (64) over the candidates. The information gain is monotone and submodular, so the
+    greedy sequence reaches at least 1 - 1/e of its maximum (Nemhauser et al. 1978; Srinivas et al. 2012).
 
-    :param kernel: of the Gaussian process
-    :param candidates: where can be observed, shape (m, d)
+    :param kernel: kernel of the Gaussian process
+    :param candidates: points that can be observed, shape (m, d)
     :param noise_std: σ
     :param num_observations: t
     """

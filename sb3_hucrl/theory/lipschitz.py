@@ -1,4 +1,4 @@
-"""How steep a learned model is."""
+"""Lipschitz constants of a learned model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class LipschitzEstimate:
     """
-    The steepest that was found: a lower bound on the constant.
+    Lower bounds on a model's Lipschitz constants.
 
-    :param mean: of μ in (s, a)
-    :param std: of the epistemic σ in (s, a)
+    :param mean: L_f, of μ in (s, a)
+    :param std: L_σ, of the epistemic σ in (s, a)
     """
 
     mean: float
@@ -27,7 +27,7 @@ class LipschitzEstimate:
 @th.enable_grad()
 def estimate_lipschitz(model: Predictor, states: th.Tensor, actions: th.Tensor) -> LipschitzEstimate:
     """
-    The largest spectral norm of the model's Jacobians at these points, L_f and L_σ of Assumption 3.
+    The largest spectral norms of the model's Jacobians at the given points, estimates of L_f and L_σ of Assumption 3.
 
     :param model: differentiable dynamics
     :param states: shape (B, p)
@@ -41,7 +41,7 @@ def estimate_lipschitz(model: Predictor, states: th.Tensor, actions: th.Tensor) 
 def _steepest(outputs: th.Tensor, inputs: th.Tensor) -> float:
     if not outputs.requires_grad:
         return 0.0
-    # Rows of a batch do not depend on each other, so a sum over them has each row's own gradient.
+    # Rows of a batch are independent, so the gradient of their sum holds each row's own gradient.
     rows = [
         th.autograd.grad(output.sum(), inputs, retain_graph=True, materialize_grads=True)[0]
         for output in outputs.unbind(dim=1)

@@ -1,4 +1,4 @@
-"""Bounds on the regret, with the constants that the paper's O(·) hides (appendices D, H and I)."""
+"""Regret bounds, with the constants that the paper's O(·) omits (appendices D, H and I)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class LipschitzConstants:
     """
-    Of Assumptions 1 and 3, with respect to the 2-norm.
+    Lipschitz constants of Assumptions 1 and 3, with respect to the 2-norm.
 
     :param dynamics: L_f, of the true dynamics in (s, a)
     :param policy: L_π, of all policies
@@ -25,16 +25,16 @@ class LipschitzConstants:
 
     @property
     def through_policy(self) -> float:
-        """√(1 + L_π²): how much (s, π(s)) changes with s. The paper prints √(1 + L_π), which is less where L_π > 1."""
+        """√(1 + L_π²), Lipschitz constant of s ↦ (s, π(s)). The paper has √(1 + L_π), too small for L_π > 1."""
         return math.sqrt(1 + self.policy**2)
 
     @property
     def closed_loop(self) -> float:
-        """L_fc of Corollary 1."""
+        """L_fc of Corollary 1, of the closed loop."""
         return self.dynamics * self.through_policy
 
     def deviation(self, beta: float) -> float:
-        """L̄_f = 1 + L_fc + 2β L_σ √(1 + L_π²) of Lemma 4: growth per step of true and imagined states' distance."""
+        """L̄_f = 1 + L_fc + 2β L_σ √(1 + L_π²) of Lemma 4, growth per step of the imagined state's error."""
         return 1 + self.closed_loop + 2 * beta * self.std * self.through_policy
 
     def performance(self, beta: float, horizon: int) -> float:
@@ -46,22 +46,22 @@ def regret_bound(
     constants: LipschitzConstants, beta: float, horizon: int, episodes: int, total_uncertainty: float
 ) -> float:
     """
-    R_T ≤ L_J √(T N³ I_T) (Theorem 1, by way of Lemma 7).
+    Bound on the regret, R_T ≤ L_J √(T N³ I_T) (Theorem 1, from Lemma 7).
 
-    :param constants: of Lipschitz continuity
+    :param constants: Lipschitz constants
     :param beta: β_{T-1}
     :param horizon: N
     :param episodes: T
-    :param total_uncertainty: I_T of equation (52), the largest sum of variances that T episodes can meet
+    :param total_uncertainty: I_T of equation (52), the largest possible sum of variances over T episodes
     """
     return constants.performance(beta, horizon) * math.sqrt(episodes * horizon**3 * total_uncertainty)
 
 
 def uncertainty_bound(max_std: float, noise_std: float, horizon: int, dim: int, capacity: float) -> float:
     """
-    I_T ≤ 2 σ_max² N p γ / ln(1 + σ_max²/σ²), for Lemma 17.
+    Bound on I_T, 2 σ_max² N p γ / ln(1 + σ_max²/σ²), for Lemma 17.
 
-    The paper prints σ_max where the proof has variances, and loses the 2 that Lemma 16's ½ leaves behind.
+    The paper has σ_max where its proof has σ_max², and omits the factor 2 that follows from the ½ of Lemma 16.
 
     :param max_std: σ_max, bound on the model's standard deviation
     :param noise_std: σ
@@ -83,9 +83,9 @@ def regret_bound_of_capacity(
     noise_std: float,
 ) -> float:
     """
-    Theorem 3, for states in a compact set: Theorem 1 with Lemma 17.
+    Regret bound of Theorem 3, for states in a compact set: Theorem 1 with Lemma 17.
 
-    :param constants: of Lipschitz continuity
+    :param constants: Lipschitz constants
     :param beta: β_{T-1}
     :param horizon: N
     :param episodes: T
@@ -110,16 +110,16 @@ def regret_bound_of_unbounded_states(
     noise_std: float,
 ) -> float:
     """
-    Theorem 5, for noise that may be of any size: Theorem 3 on the ball that holds all states with high probability.
+    Regret bound of Theorem 5, for unbounded noise: Theorem 3 on a ball that contains all states with high probability.
 
-    :param constants: of Lipschitz continuity
+    :param constants: Lipschitz constants
     :param beta: β_{T-1}
     :param horizon: N
     :param episodes: T
     :param dim: p
     :param radius: b_T, see :func:`sb3_hucrl.theory.domain_radius`
     :param capacity: maps the radius of a ball to γ after T N p observations there
-    :param max_std: σ_max there
+    :param max_std: σ_max on that ball
     :param noise_std: σ
     """
     return regret_bound_of_capacity(constants, beta, horizon, episodes, dim, capacity(radius), max_std, noise_std)
