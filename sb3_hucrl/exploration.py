@@ -51,7 +51,7 @@ class ExplorationStrategy(ABC):
         self, prediction: Prediction, hallucinated_action: th.Tensor, generator: th.Generator | None
     ) -> th.Tensor:
         """
-        :param prediction: of B next states
+        :param prediction: prediction of B next states
         :param hallucinated_action: a′, shape (B, hallucinated_dim)
         :param generator: draws the noise, on the device of the prediction; None for no noise
         :return: shape (B, p)
@@ -59,7 +59,7 @@ class ExplorationStrategy(ABC):
 
     def bonus(self, prediction: Prediction) -> th.Tensor | None:
         """
-        :param prediction: of B next states
+        :param prediction: prediction of B next states
         :return: exploration bonus to add to the reward, shape (B,), or None
         """
         return None

@@ -7,11 +7,11 @@ from typing import Any
 from tqdm import tqdm
 
 
-def progress_bar(total: int | None, what: str) -> tqdm[Any]:
+def progress_bar(total: int | None, label: str) -> tqdm[Any]:
     """
     A bar that appears after one second, disappears at the end, and prints nothing without a terminal.
 
     :param total: number of steps, None if unknown
-    :param what: label of the bar
+    :param label: text in front of the bar
     """
-    return tqdm(total=total, desc=what, unit="step", delay=1.0, leave=False, disable=None)
+    return tqdm(total=total, desc=label, unit="step", delay=1.0, leave=False, disable=None)

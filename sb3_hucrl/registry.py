@@ -14,22 +14,23 @@ class Registry(Collection[str], Generic[T]):
     """
     Maps names to callables that make a ``T``. Iteration, ``in`` and ``len`` concern the names.
 
-    :param kind: what a name stands for, used in error messages
+    :param kind: noun for the names in error messages, such as ``"dynamics"``
     :param targets: by name, a callable or its import path ``"module:Class"``, which is imported at first use
     """
 
     def __init__(self, kind: str, targets: Mapping[str, Callable[..., T] | str]) -> None:
         self.kind = kind
-        self._targets = dict(targets)
+        #: targets by name
+        self.targets = dict(targets)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._targets)
+        return iter(self.targets)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._targets
+        return name in self.targets
 
     def __len__(self) -> int:
-        return len(self._targets)
+        return len(self.targets)
 
     def register(self, name: str, target: Callable[..., T] | str, *, replace: bool = False) -> None:
         """
@@ -40,12 +41,12 @@ class Registry(Collection[str], Generic[T]):
         :param replace: whether the target replaces an earlier one of the same name
         :raises ValueError: if the name is taken and not to be replaced
         """
-        if not replace and self._targets.get(name, target) != target:
+        if not replace and self.targets.get(name, target) != target:
             raise ValueError(
-                f"{self.kind} {name!r} is already registered as {self._targets[name]}: choose another name, or pass "
+                f"{self.kind} {name!r} is already registered as {self.targets[name]}: choose another name, or pass "
                 "replace=True"
             )
-        self._targets[name] = target
+        self.targets[name] = target
 
     def require(self, name: str) -> None:
         """
@@ -54,10 +55,10 @@ class Registry(Collection[str], Generic[T]):
         :param name: to be checked
         :raises ValueError: if the name is unknown
         """
-        if name not in self._targets:
-            similar = " or ".join(map(repr, get_close_matches(name, self._targets)))
+        if name not in self.targets:
+            similar = " or ".join(map(repr, get_close_matches(name, self.targets)))
             hint = f" (did you mean {similar}?)" if similar else ""
-            raise ValueError(f"unknown {self.kind} {name!r}: choose one of {sorted(self._targets)}{hint}")
+            raise ValueError(f"unknown {self.kind} {name!r}: choose one of {sorted(self.targets)}{hint}")
 
     def resolve(self, name: str) -> Callable[..., T]:
         """
@@ -68,7 +69,7 @@ class Registry(Collection[str], Generic[T]):
         :raises ValueError: if the name is unknown or its target cannot be imported
         """
         self.require(name)
-        target = self._targets[name]
+        target = self.targets[name]
         if not isinstance(target, str):
             return target
         try:

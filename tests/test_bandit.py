@@ -1,4 +1,4 @@
-"""Appendix A: greedy search gets stuck where optimism does not."""
+"""Appendix A: greedy search gets stuck in a local maximum, optimism does not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CANDIDATES = th.linspace(0, 1, 201).unsqueeze(1)
 
 
 def two_hills(parameters: th.Tensor) -> th.Tensor:
-    """A low one at 0.2 and a high one at 0.8."""
+    """An objective with a low maximum at 0.2 and a high one at 0.8."""
     low, high = (th.exp(-0.5 * ((parameters[:, 0] - place) / 0.08).square()) for place in (0.2, 0.8))
     return 0.6 * low + high
 

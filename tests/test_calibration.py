@@ -1,4 +1,4 @@
-"""Calibration and its repair."""
+"""Calibration and recalibration."""
 
 import pytest
 import torch as th

@@ -1,4 +1,4 @@
-"""The growing store of real transitions."""
+"""The dataset of real transitions."""
 
 import pickle
 

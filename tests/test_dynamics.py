@@ -1,4 +1,4 @@
-"""What every dynamics model promises, whatever it is made of."""
+"""The contract of all dynamics models."""
 
 import copy
 import math
@@ -31,7 +31,7 @@ def make(name: str, seed: int = 0, steps: int | None = None) -> DynamicsModel:
 
 
 def fitted(name: str, dataset: TransitionDataset | None = None, steps: int | None = None) -> DynamicsModel:
-    """:param steps: of gradient descent, where a model has such"""
+    """:param steps: number of gradient steps, for models that have them"""
     model = make(name, steps=steps)
     model.fit(dataset or pendulum_dataset(300), th.Generator().manual_seed(0))
     return model
@@ -147,7 +147,7 @@ def test_a_second_fit_learns_from_the_new_data(name: str) -> None:
 def test_samples_have_the_mean_and_variance_of_the_posterior(name: str) -> None:
     model = fitted(name, pendulum_dataset(60))
     batch = random_transitions(4, seed=5)
-    # States in between and far outside of what was seen, so that the posterior is wide.
+    # States between the data and far outside of them, so that the posterior is wide.
     batch.states[2:, 1] += 30.0
     draws = 2_000
     with th.no_grad():
@@ -156,7 +156,7 @@ def test_samples_have_the_mean_and_variance_of_the_posterior(name: str) -> None:
             batch.states.repeat_interleave(draws, dim=0), batch.actions.repeat_interleave(draws, dim=0)
         )
     samples = many.mean.view(4, draws, 2)
-    # 5 standard errors: all 8 means lie within them but for a probability of 5e-6. Samples of a function process use
+    # 5 standard errors: all 8 means are within them with probability 1 - 5e-6. Samples of a function process use
     # 512 random frequencies, which adds some per cent to the error of their standard deviation.
     standard_error = expected.epistemic_std / math.sqrt(draws)
     assert ((samples.mean(dim=1) - expected.mean).abs() < 5 * standard_error + 1e-5).all()

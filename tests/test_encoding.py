@@ -1,4 +1,4 @@
-"""How states enter a model."""
+"""Input encoding."""
 
 import math
 

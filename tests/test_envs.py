@@ -15,7 +15,7 @@ from gymnasium.utils.env_checker import check_env as gymnasium_check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_hucrl.dynamics.truth import TrueDynamics
-from sb3_hucrl.envs import ENVIRONMENTS
+from sb3_hucrl.envs import ENVIRONMENTS, MAX_EPISODE_STEPS, make_env
 from sb3_hucrl.envs.half_cheetah import HalfCheetahEnv
 from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv
 from sb3_hucrl.envs.pusher import PusherEnv
@@ -188,7 +188,7 @@ def test_renders_a_frame_that_moves(env_id: str) -> None:
     env.reset(seed=0)
     try:
         before = env.render()
-    except Exception as error:  # what is raised depends on the driver that is missing
+    except Exception as error:  # its type depends on the missing driver
         pytest.skip(f"no OpenGL here: {error}")
     env.action_space.seed(0)
     for _ in range(20):
@@ -208,3 +208,11 @@ def test_bad_arguments_say_what_to_do(env_id: str) -> None:
         gym.make(env_id, action_penalty=-0.1)
     with pytest.raises(ValueError, match="unknown render_mode 'ascii'"):
         gym.make(env_id, render_mode="ascii")
+
+
+def test_an_unknown_environment_lists_the_known_ones() -> None:
+    assert set(ENVIRONMENTS) == set(MAX_EPISODE_STEPS)
+    with pytest.raises(
+        ValueError, match=r"unknown environment .*-v1': .*did you mean 'HUCRL-Pendulum-v0'"
+    ):
+        make_env("HUCRL-Pendulum-v1")

@@ -1,4 +1,4 @@
-"""How predictions and hallucinated actions become next states."""
+"""Exploration strategies: from predictions and hallucinated actions to next states."""
 
 import pytest
 import torch as th
@@ -61,7 +61,7 @@ def fitted_ensemble() -> DynamicsModel:
 
 
 def member_of_each_row(model: DynamicsModel, predictor: Predictor, rows: int) -> list[int]:
-    """Which member of an ensemble predicts each of some rows."""
+    """Index of the ensemble member that predicts each row."""
     batch = random_transitions(1)
     states, actions = batch.states.expand(rows, 2), batch.actions.expand(rows, 1)
     with th.no_grad():
@@ -131,7 +131,7 @@ def test_theoretical_beta_follows_the_information_gain() -> None:
 
 
 class Plain(ExplorationStrategy):
-    """A user's strategy that is no dataclass."""
+    """A user's strategy that is not a dataclass."""
 
     def __init__(self, shift: float) -> None:
         self.shift = shift
@@ -155,7 +155,7 @@ def test_the_built_in_strategies_are_immutable_values() -> None:
     for strategy in (Optimistic(), Greedy(), Thompson(), Bonus()):
         assert strategy.adapted(model, 5) == strategy
         with pytest.raises(AttributeError):
-            strategy.beta = 3.0  # type: ignore[misc, union-attr]  # what a frozen dataclass refuses
+            strategy.beta = 3.0  # type: ignore[misc, union-attr]  # frozen
     assert Optimistic(2.0) == Optimistic(beta=2.0) != Optimistic(1.0)
 
 

@@ -87,7 +87,7 @@ def test_one_fit_and_many_are_the_same(name: str) -> None:
     def make() -> DynamicsModel:
         return make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(0))
 
-    # Scaled on 300 transitions, and again on all when 600 have come.
+    # Standardised on 300 transitions, and again at 600.
     together, apart = make(), make()
     dataset = pendulum_dataset(300)
     for size in (0, 150, 80):

@@ -122,7 +122,7 @@ def test_lemma_12_the_std_is_lipschitz_in_the_kernel_metric(kind: type[GaussianP
     similarity = (-0.5 * (first - second).square().sum(dim=1) / 1.5**2).exp()
     distance = 3.0 * (2 - 2 * similarity).sqrt()
     assert ((std - other).abs() <= distance + 1e-6).all()
-    # And not by a mile: the bound is nearly reached somewhere.
+    # The bound is tight: it is nearly reached somewhere.
     assert ((std - other).abs() / distance).max() > 0.5
 
 
@@ -139,7 +139,7 @@ def test_hyperparameters_of_the_data_are_found() -> None:
     generator = th.Generator().manual_seed(0)
     states = th.rand(400, 2, generator=generator) * 6 - 3
     noise = 0.05 * th.randn(400, 2, generator=generator)
-    # Each output is a function of one input alone.
+    # Each output depends on only one input.
     change = th.stack([(1.5 * states[:, 0]).sin(), (1.5 * states[:, 1]).sin()], dim=1)
     dataset = TransitionDataset(2, 1)
     column = th.zeros(400)

@@ -1,4 +1,4 @@
-"""Room for a′ on the real environment."""
+"""The real environment with an action space that includes a′."""
 
 from typing import Any
 

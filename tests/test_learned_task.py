@@ -1,4 +1,4 @@
-"""What imagination does with outcomes that are learned, and with context that is not."""
+"""Learned outcomes and constant context in imagination."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_context_reaches_the_policy_and_the_reward_but_not_the_model() -> None:
     dataset.append_episode(Transitions(states, th.zeros(1, 7), states, th.zeros(1), th.zeros(1, dtype=th.bool)))
     imagination = small_world(model, task=task, horizon=10, starts=StartStates(dataset, task)).trajectories(6)
     goals = imagination.reset()[:, -3:]
-    # The dataset holds one goal only: the others are drawn as the environment draws them.
+    # The dataset holds only one goal; the others are drawn from the environment's distribution.
     assert len(np.unique(goals, axis=0)) == 6
     for _ in range(3):
         outcome = imagination.step(np.ones((6, 21), dtype=np.float32))
@@ -131,7 +131,7 @@ def test_context_reaches_the_policy_and_the_reward_but_not_the_model() -> None:
 
 
 def pendulum_episodes(task: Task, steps: int) -> TransitionDataset:
-    """Random transitions of gymnasium's pendulum from all over its states."""
+    """Random transitions of gymnasium's pendulum over its whole state space."""
     known, rng = GymnasiumPendulumTask(), np.random.default_rng(0)
     env = gym.make("Pendulum-v1").unwrapped
     env.reset(seed=0)
@@ -165,12 +165,12 @@ def test_the_ensemble_learns_the_reward_with_an_uncertainty() -> None:
     error = unseen.rewards - prediction.mean[:, 3]
     assert float(error.square().mean() / unseen.rewards.var()) < 0.01
     assert bool((prediction.epistemic_std[:, 3] > 0).all())
-    # Nothing ever ended, and the model does not imagine that it does.
+    # No real episode terminated, so no imagined trajectory does.
     assert float(prediction.mean[:, 4].abs().max()) < 0.1
 
 
 class PointMass(gym.Env[np.ndarray, np.ndarray]):
-    """Nobody registered this one: a point on a line that is paid for being at 0 and leaves at ±2."""
+    """An unregistered environment: a point on a line that is rewarded near 0 and terminates at ±2."""
 
     def __init__(self, dtype: Any = np.float32) -> None:
         self.observation_space = spaces.Box(-10.0, 10.0, (1,), dtype)

@@ -246,21 +246,21 @@ class Lamp(Task):
     [
         (
             {"state_dim": 3},
-            r"Lamp.state returned shape \(2, 2\) for 2 rows, expected \(2, 3\): state_dim \+ c",
+            r"Lamp.state gave shape \(2, 2\) for 2 rows, expected \(2, 3\): state_dim \+ context_dim",
         ),
-        ({"context_dim": 1}, r"Lamp.state returned shape \(2, 2\) for 2 rows, expected \(2, 3\)"),
+        ({"context_dim": 1}, r"Lamp.state gave shape \(2, 2\) for 2 rows, expected \(2, 3\)"),
         ({"angle_dims": (0, 2)}, r"Lamp.angle_dims \[2\] lie outside its 2 state dimensions"),
         (
             {"reward": lambda s, a, n: n[:, :1]},
-            r"Lamp.reward returned shape \(2, 1\) .* expected \(2,\): one number per row",
+            r"Lamp.reward gave shape \(2, 1\) .* expected \(2,\): one number per row",
         ),
-        ({"observe": lambda s: s[:, :1]}, r"Lamp.observe returned shape \(2, 1\) .* the environment's observation"),
-        ({"terminated": lambda s, a, n: n[:, 0]}, r"Lamp.terminated returned torch.float32: it must return torch.bool"),
+        ({"observe": lambda s: s[:, :1]}, r"Lamp.observe gave shape \(2, 1\) .* the environment's observation"),
+        ({"terminated": lambda s, a, n: n[:, 0]}, r"Lamp.terminated gave torch.float32: it must give torch.bool"),
         (
             {"exploratory_states": lambda n, generator: th.zeros(n, 1)},
-            r"Lamp.exploratory_states returned shape \(2, 1\)",
+            r"Lamp.exploratory_states gave shape \(2, 1\)",
         ),
-        ({"sample_contexts": lambda n, generator: th.zeros(n, 1)}, r"Lamp.sample_contexts returned shape \(2, 1\)"),
+        ({"sample_contexts": lambda n, generator: th.zeros(n, 1)}, r"Lamp.sample_contexts gave shape \(2, 1\)"),
     ],
 )
 def test_a_task_whose_shapes_do_not_fit_is_refused(wrong: dict[str, Any], message: str) -> None:

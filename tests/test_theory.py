@@ -109,7 +109,7 @@ def test_noise_stays_within_its_bound_whatever_its_size(std: float) -> None:
 
 
 def test_the_budgets_of_all_steps_and_episodes_add_up_to_delta() -> None:
-    # The bound of a step is the plain one at that step's share of delta.
+    # The bound of a step is the plain bound at that step's fraction of delta.
     delta, sigma, p = 0.1, 0.7, 2
     shares = [6 * delta / (math.pi * (n + 1)) ** 2 for n in range(100_000)]
     assert sum(shares) == pytest.approx(delta, rel=1e-4)
@@ -155,7 +155,7 @@ def test_regret_bounds_of_hand_picked_numbers() -> None:
 
 
 def test_the_sum_of_variances_stays_within_lemma_17s_bound() -> None:
-    # Observe greedily, N times a point in each of T episodes, with the variance that was known before the episode.
+    # Greedy observations, N per episode in each of T episodes, with the variance from before the episode.
     candidates, noise_std, horizon, episodes = th.linspace(0, 3, 31).unsqueeze(1), 0.3, 4, 5
     matrix, total = rbf(candidates, candidates), 0.0
     seen: list[int] = []

@@ -43,8 +43,10 @@ LEARNED = tuple(name for name in DYNAMICS if name != "truth")
 
 def require_known(name: str) -> None:
     """
+    Check a name without importing its model.
+
     :param name: of a dynamics model
-    :raises ValueError: unless it is registered in :data:`DYNAMICS`
+    :raises ValueError: unless the name is registered in :data:`DYNAMICS`
     """
     DYNAMICS.require(name)
 

@@ -129,7 +129,7 @@ class Ensemble(DeltaModel):
         """
         One member as a predictor of its own, valid until the next fit.
 
-        :param index: of the member, from 0 to M - 1
+        :param index: index of the member, from 0 to M - 1
         :raises ValueError: if there is no such member
         """
         if not 0 <= index < self.num_members:

@@ -76,7 +76,8 @@ class BayesianLinearRegression(nn.Module):
         :return: samples of w, shape (S, features, outputs)
         """
         noise = th.randn(num_samples, *self.mean.shape, generator=generator, dtype=th.float64).to(self.mean.device)
-        return self.mean + th.linalg.solve_triangular(self.cholesky.T, noise, upper=True)
+        deviation: th.Tensor = th.linalg.solve_triangular(self.cholesky.T, noise, upper=True)
+        return self.mean + deviation
 
     def information_gain(self) -> float:
         """I(y; f) of equation (63) for one output, ``½ ln |I + v Φᵀ Φ / σ²|``, in nats."""

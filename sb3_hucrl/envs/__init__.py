@@ -10,7 +10,7 @@ from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.registry import find_task
 from sb3_hucrl.wrappers.hallucination import HallucinationWrapper
 
-__all__ = ["ENVIRONMENTS", "make_env", "register_envs"]
+__all__ = ["ENVIRONMENTS", "MAX_EPISODE_STEPS", "make_env", "register_envs"]
 
 
 #: the package's environments by gymnasium id

@@ -1,4 +1,4 @@
-"""Tasks: what is known about an environment and need not be learned."""
+"""Tasks: the known parts of an environment, which need not be learned."""
 
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import tolerance

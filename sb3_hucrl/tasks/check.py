@@ -16,7 +16,7 @@ def check_task(task: Task, observation_dim: int, action_dim: int) -> None:
     Call every method of a task with two rows and check the shapes of the results.
 
     :param task: task to be checked
-    :param observation_dim: of the environment
+    :param observation_dim: number of observed values
     :param action_dim: q, without the hallucinated dimensions
     :raises ValueError: if a method fails or returns a wrong shape
     """
@@ -34,7 +34,7 @@ def check_task(task: Task, observation_dim: int, action_dim: int) -> None:
     terminated = _ask(task, "terminated", states, actions, states)
     _require_shape(task, "terminated", terminated, (), "one boolean per row")
     if terminated.dtype != th.bool:
-        raise ValueError(f"{name}.terminated returned {terminated.dtype}: it must return torch.bool")
+        raise ValueError(f"{name}.terminated gave {terminated.dtype}: it must give torch.bool")
     for method, columns in (("exploratory_states", task.width), ("sample_contexts", task.context_dim)):
         drawn = _ask(task, method, ROWS, None)
         if drawn is not None:
@@ -47,13 +47,13 @@ def _ask(task: Task, method: str, *arguments: Any) -> Any:
     except (IndexError, RuntimeError) as error:
         shapes = [tuple(argument.shape) for argument in arguments if isinstance(argument, th.Tensor)]
         raise ValueError(
-            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): use the task of this environment"
+            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): is it the task of this environment?"
         ) from error
 
 
 def _require_shape(task: Task, method: str, answer: th.Tensor, columns: tuple[int, ...], meaning: str) -> None:
     if tuple(answer.shape) != (ROWS, *columns):
         raise ValueError(
-            f"{type(task).__name__}.{method} returned shape {tuple(answer.shape)} for {ROWS} rows, expected "
+            f"{type(task).__name__}.{method} gave shape {tuple(answer.shape)} for {ROWS} rows, expected "
             f"{(ROWS, *columns)}: {meaning}"
         )

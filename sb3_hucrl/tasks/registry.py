@@ -91,7 +91,7 @@ def register_task(env_id: str, factory: TaskFactory) -> None:
 
 def find_task(spec: EnvSpec | None, observation_dim: int) -> Task | None:
     """
-    :param spec: of the environment
+    :param spec: gymnasium's specification of the environment
     :param observation_dim: number of observed values
     :return: the environment's task, or None if none is registered
     """
@@ -107,7 +107,7 @@ def resolve_task(
     :param task: a task; or ``"learned"``; or an import path such as ``"my_module.MyTask"``; or None for the registered
         task, or a learned one if none is registered
     :param task_kwargs: arguments of a learned or imported task
-    :param spec: of the environment
+    :param spec: gymnasium's specification of the environment
     :param observation_dim: number of observed values
     :raises ValueError: if the task cannot be imported or is not a task
     """
