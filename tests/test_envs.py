@@ -212,7 +212,5 @@ def test_bad_arguments_say_what_to_do(env_id: str) -> None:
 
 def test_an_unknown_environment_lists_the_known_ones() -> None:
     assert set(ENVIRONMENTS) == set(MAX_EPISODE_STEPS)
-    with pytest.raises(
-        ValueError, match=r"unknown environment .*-v1': .*did you mean 'HUCRL-Pendulum-v0'"
-    ):
+    with pytest.raises(ValueError, match=r"unknown environment .*-v1': .*did you mean 'HUCRL-Pendulum-v0'"):
         make_env("HUCRL-Pendulum-v1")
