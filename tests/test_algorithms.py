@@ -53,6 +53,7 @@ def make(name: str, **kwargs: Any) -> BaseAlgorithm:
     return algorithm(policy, env, device="cpu", **copy.deepcopy({"seed": 0, **settings, **kwargs}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> None:
     model = make(name)
@@ -76,6 +77,7 @@ def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> No
     assert resumed.real_episodes > episodes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_parameters_give_back_the_policy_that_was_found(name: str) -> None:
     observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
@@ -117,3 +119,10 @@ def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:
     before = next(model.policy.parameters()).detach().clone()
     model.learn(80, callback=small_callback())
     np.testing.assert_allclose(next(model.policy.parameters()).detach().numpy(), before.numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["hbptt", "hmpo", "hmve"])
+def test_unseeded_runs_do_not_share_their_noise(name: str) -> None:
+    seeds = [vars(make(name, seed=seed))["_generator"].initial_seed() for seed in (None, None, 0, 0)]
+    assert len(set(seeds[:2])) == 2
+    assert seeds[2:] == [0, 0]

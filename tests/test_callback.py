@@ -285,6 +285,7 @@ small_sac(imagination_env()).learn(1_000_000, callback=[small_callback(), checkp
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)], cwd=Path(__file__).parent)
     deadline = time.monotonic() + 120

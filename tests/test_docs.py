@@ -16,7 +16,10 @@ from sb3_hucrl import HUCRLCallback
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.exploration import STRATEGIES
 from sb3_hucrl.planning import PLANNERS
-from sb3_hucrl.tasks import find_task, registry
+from sb3_hucrl.tasks import find_task
+from sb3_hucrl.tasks.registry import TASKS
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -57,8 +60,7 @@ def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def _forget_names() -> Iterator[None]:
     registries: list[dict[str, Any]] = [
-        *(vars(each)["_targets"] for each in (DYNAMICS, STRATEGIES, PLANNERS)),
-        registry._FACTORIES,
+        *(each.targets for each in (DYNAMICS, STRATEGIES, PLANNERS, TASKS)),
         gym.registry,
     ]
     known = [dict(each) for each in registries]

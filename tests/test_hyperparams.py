@@ -96,5 +96,5 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
 def test_every_algorithm_has_the_pendulum_and_five_have_everything() -> None:
     assert len(PATHS) == 20
     assert all("HUCRL-Pendulum-v0" in entries(path) for path in PATHS)
-    complete = {path.stem for path in PATHS if entries(path).keys() == ENVIRONMENTS.keys()}
+    complete = {path.stem for path in PATHS if entries(path).keys() == set(ENVIRONMENTS)}
     assert complete == {"sac", "td3", "tqc", "ppo", "sbx_sac"}

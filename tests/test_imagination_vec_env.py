@@ -130,6 +130,7 @@ def test_nests_under_vec_normalize_and_vec_monitor() -> None:
     np.testing.assert_allclose(array(env.get_original_obs())[0], [0, -1, 0], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_works_over_processes() -> None:
     env = ImaginationVecEnv(make_vec_env(f"sb3_hucrl:{ENV_ID}", 2, vec_env_cls=SubprocVecEnv))
     env.reset()

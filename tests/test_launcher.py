@@ -14,6 +14,8 @@ import pytest
 from figures.experiment import run_process, write_whole
 from figures.launcher import RETRIES, launch, launch_on_ray
 
+pytestmark = pytest.mark.slow
+
 KILL_YOURSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 
 

@@ -66,6 +66,7 @@ def make_loop(env: gym.Env[Any, Any], **kwargs: Any) -> Loop:
     return Loop(settings, Problem.from_env(env, settings.model), env, seed=0, **kwargs)
 
 
+@pytest.mark.slow
 def test_a_plain_script_drives_it_with_a_linear_policy_and_random_search() -> None:
     env = gym.make("sb3_hucrl:HUCRL-Reacher-v0", max_episode_steps=HORIZON, hallucinate=False)
     settings = Settings(

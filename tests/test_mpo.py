@@ -40,6 +40,7 @@ def error(model: MPO) -> float:
     return float(np.abs(model.predict(numbers, deterministic=True)[0] - 2 * numbers).mean())
 
 
+@pytest.mark.slow
 def test_it_learns_what_the_critic_knows() -> None:
     model = mpo(learning_rate=3e-3, policy_interval=20, epsilon_mean=0.05)
     before = error(model)

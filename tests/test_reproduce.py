@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
+import pytest
 import torch as th
 
 from benchmark import Run
@@ -14,6 +15,8 @@ from figures.trajectories import trajectories, transitions
 from helpers import TruePendulum, random_transitions
 from sb3_hucrl import HUCRLState, TransitionDataset
 from sb3_hucrl.loop import ImaginedEpisode
+
+pytestmark = pytest.mark.slow
 
 RUN = Run("sac", "HUCRL-Pendulum-v0", "optimistic", "ensemble", 0.1, "exploratory", 51)
 

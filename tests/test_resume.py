@@ -22,6 +22,7 @@ from sb3_hucrl.sb3 import save_atomically
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.slow
 def test_killed_trainings_go_on_where_their_checkpoint_was() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "kill_and_resume.py"), "--kills", "3"]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -29,6 +30,7 @@ def test_killed_trainings_go_on_where_their_checkpoint_was() -> None:
     assert "nothing lost" in process.stdout
 
 
+@pytest.mark.slow
 def test_a_polite_end_saves_what_was_learned(tmp_path: Path) -> None:
     callback = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
     command = [
@@ -91,6 +93,7 @@ def test_a_save_that_fails_leaves_the_last_one(tmp_path: Path, monkeypatch: pyte
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_imagination_does_not_eat_memory() -> None:
     def resident() -> int:
         pages = int(Path("/proc/self/statm").read_text().split()[1])

@@ -112,6 +112,7 @@ def test_ars_searches_around_its_weights() -> None:
     assert model.weights.shape == flat.shape, "sb3/search.py: ARS.weights"
 
 
+@pytest.mark.slow
 def test_sbx_keeps_its_training_states_in_attributes_that_end_in_state() -> None:
     sbx = pytest.importorskip("sbx")
     model = sbx.SAC("MlpPolicy", gym.make(ENV), learning_starts=5, buffer_size=100)

@@ -8,6 +8,10 @@ import sys
 import sysconfig
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 SOURCE = Path(__file__).parent.parent / "sb3_hucrl" / "zoo" / "startup.py"
 INSTALLED = Path(sysconfig.get_path("purelib")) / "sb3_hucrl_zoo.pth"
 

@@ -115,6 +115,7 @@ def test_an_environment_without_a_time_limit_is_refused() -> None:
         suggest(optuna.create_study().ask(), {}, spec, 3, 10_000)
 
 
+@pytest.mark.slow
 def test_a_study_of_an_own_environment_tunes_the_callback_from_where_the_command_line_put_it(tmp_path: Path) -> None:
     (tmp_path / "my.yml").write_text(OWN_ENVIRONMENT)
     options = ["-n", "640", "--storage", "study.log", "--study-name", "own", "-conf", "my.yml"]
@@ -130,6 +131,7 @@ def test_a_study_of_an_own_environment_tunes_the_callback_from_where_the_command
     assert trial.user_attrs["real_steps"] >= 2 * 200
 
 
+@pytest.mark.slow
 def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Path) -> None:
     (tmp_path / "exploding.py").write_text(EXPLODING)
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])

@@ -19,6 +19,8 @@ from stable_baselines3.common.monitor import load_results
 from helpers import ENV_ID
 from sb3_hucrl.zoo.runs import ZooRun
 
+pytestmark = pytest.mark.slow
+
 BIN = Path(sys.executable).parent
 ZOO = str(BIN / "rl_zoo3")
 TRAIN = ["train", "--algo", "sac", "--env", ENV_ID]

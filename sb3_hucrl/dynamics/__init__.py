@@ -21,7 +21,6 @@ __all__ = [
     "Predictor",
     "ProbabilisticEnsemble",
     "make_dynamics",
-    "require_known",
 ]
 
 #: dynamics models by name; GPyTorch is imported only for the models that need it
@@ -39,16 +38,6 @@ DYNAMICS: Registry[DynamicsModel] = Registry(
 )
 #: the built-in models that learn; ``"truth"`` steps the environment instead, to show what a policy search can reach
 LEARNED = tuple(name for name in DYNAMICS if name != "truth")
-
-
-def require_known(name: str) -> None:
-    """
-    Check a name without importing its model.
-
-    :param name: of a dynamics model
-    :raises ValueError: unless the name is registered in :data:`DYNAMICS`
-    """
-    DYNAMICS.require(name)
 
 
 def make_dynamics(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sb3_hucrl.dynamics import DynamicsModel, require_known
+from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
 from sb3_hucrl.planning import PlanningSettings
 from sb3_hucrl.tasks import Task
@@ -97,7 +97,7 @@ class ModelSettings:
 
     def __post_init__(self) -> None:
         if isinstance(self.dynamics, str):
-            require_known(self.dynamics)
+            DYNAMICS.require(self.dynamics)
 
 
 @dataclass(frozen=True)
