@@ -37,9 +37,11 @@ class HUCRLCallback(BaseCallback):
         ``"learned"``; by default the one registered for the environment's id, and learned where there is none
     :param task_kwargs: arguments of an imported or learned task
     :param horizon: length of an imagined trajectory; by default that of a real episode
-    :param imagined_steps: timesteps of policy search between real episodes, over all imagined trajectories
+    :param imagined_steps: timesteps of each policy search; by default 64 for each real step since the last one
     :param initial_episodes: random real episodes before the first search, at least 1
+    :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
     :param real_episodes: real episodes after each search, at least 1
+    :param real_steps: least number of steps in them; by default as for ``initial_steps``
     :param sampling_fraction: fraction of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -66,9 +68,11 @@ class HUCRLCallback(BaseCallback):
         task: Task | str | None = None,
         task_kwargs: Mapping[str, Any] | None = None,
         horizon: int | None = None,
-        imagined_steps: int = 25_600,
+        imagined_steps: int | None = None,
         initial_episodes: int = 1,
+        initial_steps: int | None = None,
         real_episodes: int = 1,
+        real_steps: int | None = None,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
@@ -85,9 +89,10 @@ class HUCRLCallback(BaseCallback):
         super().__init__(verbose)
         if isinstance(exploration, str):
             exploration = make_strategy(exploration, **(exploration_kwargs or {}))
+        least = initial_episodes, initial_steps, real_episodes, real_steps
         real_data, stale, cap = real_data_fraction, stale_fraction, uncertainty_cap
         self.settings = Settings(
-            RealSettings(initial_episodes, real_episodes, sampling_fraction, reward_threshold),
+            RealSettings(*least, sampling_fraction, reward_threshold),
             SearchSettings(exploration, imagined_steps, horizon, start_states, real_data, stale, cap),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),
@@ -110,7 +115,7 @@ class HUCRLCallback(BaseCallback):
         self._start_search()
 
     def _on_rollout_start(self) -> None:
-        steps = self.settings.search.imagined_steps if self._search.has_policy else 1
+        steps = self._loop.imagined_steps if self._search.has_policy else 1
         if self.model.num_timesteps - self._search_start >= steps:
             self._end_search()
             self._start_search()

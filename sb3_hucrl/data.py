@@ -82,6 +82,14 @@ class TransitionDataset:
     def __len__(self) -> int:
         return len(self.transitions)
 
+    def constant_dims(self, num_dims: int) -> th.Tensor:
+        """
+        :param num_dims: how many of the first state dimensions to look at
+        :return: which of them have never changed within an episode, shape (num_dims,), boolean
+        """
+        real = self.transitions
+        return (real.states[:, :num_dims] == real.next_states[:, :num_dims]).all(dim=0)
+
     def append_episode(self, episode: Transitions) -> None:
         """
         Store one real episode. Its first state becomes an initial state.

@@ -20,6 +20,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import pandas as pd
 import yaml
 from tqdm import tqdm
@@ -27,6 +28,7 @@ from tqdm import tqdm
 from results_table import ResultsTable, real_episodes
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
+from sb3_hucrl.loop.loop import IMAGINED_PER_REAL
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.runs import ZooRun
 
@@ -81,7 +83,8 @@ def imagined_steps(run: Run) -> int:
     """Of the package's own search before each real episode."""
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
-    return entry.build().settings.search.imagined_steps
+    steps = entry.build().settings.search.imagined_steps
+    return steps or IMAGINED_PER_REAL * (gym.spec(run.env).max_episode_steps or 0)
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:

@@ -131,8 +131,9 @@ def imagination_env(n_envs: int = 4, **env_kwargs: Any) -> ImaginationVecEnv:
 
 
 def small_callback(**kwargs: Any) -> HUCRLCallback:
-    """A loop that takes a second or two: short imagination, little fitting."""
+    """A loop that takes a second or two: short imagination, little fitting, single real episodes."""
     settings = {"imagined_steps": 80, "horizon": 10, "dynamics_kwargs": {"gradient_steps": 20, "net_arch": [16]}}
+    settings |= {"initial_steps": 1, "real_steps": 1}
     return HUCRLCallback(**{**settings, **kwargs})
 
 

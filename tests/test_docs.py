@@ -82,7 +82,7 @@ def test_the_quick_start_ends_with_a_learning_curve(tmp_path: Path, monkeypatch:
 
 def test_every_extension_is_used() -> None:
     environment, task, dynamics, exploration, planner = map(run, snippets("extending.md"))
-    assert environment["model"].hucrl.real_episodes == 3
+    assert environment["model"].hucrl.real_episodes >= 3
     assert isinstance(find_task(gym.spec("Parking-v0"), observation_dim=3), task["ParkingTask"])
     linear = dynamics["model"].hucrl.dynamics
     assert isinstance(linear, dynamics["LinearModel"])

@@ -16,6 +16,7 @@ from rl_zoo3.utils import ALGOS
 
 from sb3_hucrl.envs import ENVIRONMENTS
 from sb3_hucrl.exploration import STRATEGIES
+from sb3_hucrl.loop.loop import IMAGINED_PER_REAL
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.sbx import CLASSES, PREFIX
 
@@ -53,6 +54,12 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     assert entry is not None
     settings = {**defaults(entry.callback), **entry.settings}
     settings["horizon"] = settings["horizon"] or gym.spec(env_id).max_episode_steps
+    settings["imagined_steps"] = settings["imagined_steps"] or IMAGINED_PER_REAL * (
+        gym.spec(env_id).max_episode_steps or 0
+    )
+    for budget in ("initial_steps", "real_steps"):
+        # Short episodes are the only ones that they are for, and none of ours is.
+        assert settings.pop(budget) is None
     strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
     return settings
@@ -90,7 +97,8 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
         if path.stem == "hmpc":
             continue
         # A search that training cuts short is never played.
-        assert entry["n_timesteps"] % callback.build().settings.search.imagined_steps == 0
+        steps = resolved_callback(entry["callback"], env_id)["imagined_steps"]
+        assert entry["n_timesteps"] % steps == 0
 
 
 def test_every_algorithm_has_the_pendulum_and_five_have_everything() -> None:

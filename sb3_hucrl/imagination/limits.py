@@ -20,15 +20,18 @@ OUTCOME_REACH = 1.0
 @dataclass(frozen=True)
 class Limits:
     """
-    The plausible range of states and the uncertainty at which trajectories end. The default has no limits.
+    The plausible range of states, dimensions that stay as they are, and the uncertainty at which trajectories end. The
+    default has no limits.
 
     :param low: lower bound of the p predicted dimensions, shape (p,), or None
     :param high: upper bound, shape (p,), or None
+    :param constant: dimensions that stay as they are, shape (p,), boolean, or None
     :param max_epistemic_std: a trajectory is truncated where any dimension exceeds this, shape (p,); None for never
     """
 
     low: th.Tensor | None = None
     high: th.Tensor | None = None
+    constant: th.Tensor | None = None
     max_epistemic_std: th.Tensor | None = None
 
     @classmethod
@@ -51,15 +54,23 @@ class Limits:
         margin[margin == 0] = th.inf
         margin[list(task.angle_dims)] = th.inf
         device = model.device
+        constant = None
+        if task.carries_constants:
+            constant = th.zeros(p, dtype=th.bool)
+            constant[: p - outcomes] = dataset.constant_dims(p - outcomes)
+            constant = constant.to(device) if constant.any() else None
         max_epistemic_std = None if cap is None else epistemic_limit(model, real, cap)
-        return cls((low - margin).to(device), (high + margin).to(device), max_epistemic_std)
+        return cls((low - margin).to(device), (high + margin).to(device), constant, max_epistemic_std)
 
-    def clamp(self, state: th.Tensor) -> th.Tensor:
+    def apply(self, state: th.Tensor, next_state: th.Tensor) -> th.Tensor:
         """
-        :param state: predicted, shape (B, p)
-        :return: the nearest plausible state
+        :param state: before a step, shape (B, p)
+        :param next_state: predicted, shape (B, p)
+        :return: the nearest plausible next state
         """
-        return state if self.low is None else state.clamp(self.low, self.high)
+        if self.low is not None:
+            next_state = next_state.clamp(self.low, self.high)
+        return next_state if self.constant is None else th.where(self.constant, state, next_state)
 
     def exceeded(self, epistemic_std: th.Tensor) -> th.Tensor | None:
         """

@@ -88,5 +88,8 @@ class StartStates:
             spread = pool.std(dim=0, correction=0)
             # A goal that no episode has is not a state further out.
             spread[self._task.state_dim :] = 0.0
+            if self._task.carries_constants:
+                steered = self._task.hallucinated_dim
+                spread[:steered] *= ~self._dataset.constant_dims(steered)
             states = states + INFLATION * spread * th.randn(states.shape, generator=generator)
         return states

@@ -130,8 +130,10 @@ class World:
         task = self.task
         real_action, hallucinated = self.split(action)
         has_context = task.context_dim > 0
-        prediction = self.predictor.predict(state[:, : task.state_dim] if has_context else state, real_action)
-        next_state = self.limits.clamp(self.strategy.next_state(prediction, hallucinated, generator))
+        predicted_from = state[:, : task.state_dim] if has_context else state
+        prediction = self.predictor.predict(predicted_from, real_action)
+        next_state = self.strategy.next_state(prediction, hallucinated, generator)
+        next_state = self.limits.apply(predicted_from, next_state)
         next_state = task.sample_outcomes(next_state, generator)
         if has_context:
             next_state = th.cat([next_state, state[:, task.state_dim :]], dim=1)

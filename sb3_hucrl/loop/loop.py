@@ -31,6 +31,10 @@ from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
 JUDGED = 32
+#: real steps that are worth a refit, where an episode may have fewer
+FEW_STEPS = 200
+#: timesteps of search for each new real step
+IMAGINED_PER_REAL = 64
 
 
 class Loop:
@@ -93,6 +97,8 @@ class Loop:
         self._scalars: dict[str, float] = {}
         self._rollout_seconds = 0.0
         self._search_started = time.perf_counter()
+        # Real steps that the latest fit was the first to see. Nobody wrote them down for a run that is resumed.
+        self._new_steps = max([self._budget(settings.real.real_steps), *self.state.dataset.lengths[-1:]])
 
     def _fresh_state(self, seed: int | None) -> HUCRLState:
         generator = seeded_generator(seed)
@@ -116,11 +122,23 @@ class Loop:
 
     def begin(self) -> None:
         """Play the random real episodes that are still missing, and fit the model to what it has not seen."""
-        act = random_actor(self.problem.action_space, self.state.generator)
-        for _ in range(self.state.real_episodes, self.settings.real.initial_episodes):
-            self._play(act)
-        if self.state.fitted_steps < len(self.state.dataset):
+        state, real = self.state, self.settings.real
+        act = random_actor(self.problem.action_space, state.generator)
+        if state.fitted_steps == 0:
+            while state.real_episodes < real.initial_episodes or len(state.dataset) < self._budget(real.initial_steps):
+                self._play(act)
+        if state.fitted_steps < len(state.dataset):
             self.refit()
+
+    def _budget(self, steps: int | None) -> int:
+        """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
+        return min(FEW_STEPS, self.problem.episode_length) if steps is None else steps
+
+    @property
+    def imagined_steps(self) -> int:
+        """Timesteps of the present search."""
+        steps = self.settings.search.imagined_steps
+        return IMAGINED_PER_REAL * self._new_steps if steps is None else steps
 
     def begin_search(self, num_trajectories: int = 1) -> World:
         """
@@ -153,7 +171,10 @@ class Loop:
             )
             self._scalars["imagined/mode_return"] = promised
         uncertainties = []
-        for _ in range(self.settings.real.real_episodes):
+        real, before = self.settings.real, (self.state.real_episodes, len(self.state.dataset))
+        while self.state.real_episodes < before[0] + real.real_episodes or len(self.state.dataset) < before[
+            1
+        ] + self._budget(real.real_steps):
             planner = search.planner(deterministic)
             if planner is None:
                 uncertainties.append(self._imagine(search.actor(deterministic)))
@@ -197,6 +218,7 @@ class Loop:
         # A search that needs no gradients, such as ARS, may have switched them off.
         with th.enable_grad():
             fit = state.dynamics.fit(state.dataset, state.generator)
+        self._new_steps = len(state.dataset) - state.fitted_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})

@@ -30,19 +30,29 @@ class RealSettings:
     Real episodes.
 
     :param initial_episodes: random ones before the first search, at least 1
+    :param initial_steps: steps that these have together, at least; None for one full-length episode, or 200 steps if
+        that is less
     :param real_episodes: after each search, at least 1
+    :param real_steps: steps that these have together, at least; None as above
     :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
     :param reward_threshold: a return that ends the training; None for none
     :raises ValueError: if a number is out of its range
     """
 
     initial_episodes: int = 1
+    initial_steps: int | None = None
     real_episodes: int = 1
+    real_steps: int | None = None
     sampling_fraction: float = 0.5
     reward_threshold: float | None = None
 
     def __post_init__(self) -> None:
-        _require_at_least_one(initial_episodes=self.initial_episodes, real_episodes=self.real_episodes)
+        _require_at_least_one(
+            initial_episodes=self.initial_episodes,
+            initial_steps=self.initial_steps,
+            real_episodes=self.real_episodes,
+            real_steps=self.real_steps,
+        )
         _require_fraction(sampling_fraction=self.sampling_fraction)
 
 
@@ -52,7 +62,8 @@ class SearchSettings:
     Policy search in imagination.
 
     :param strategy: how imagination uses uncertainty
-    :param imagined_steps: timesteps between real episodes, over all imagined trajectories
+    :param imagined_steps: timesteps of each search, over all imagined trajectories; None for 64 for each real step
+        since the last one
     :param horizon: length of an imagined trajectory; None for that of a real episode
     :param start_states: weights of the kinds of start states, see :class:`sb3_hucrl.imagination.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -62,7 +73,7 @@ class SearchSettings:
     """
 
     strategy: ExplorationStrategy = field(default_factory=Optimistic)
-    imagined_steps: int = 25_600
+    imagined_steps: int | None = None
     horizon: int | None = None
     start_states: Mapping[str, float] | None = None
     real_data_fraction: float = 0.0

@@ -133,6 +133,19 @@ class OffPolicySearch(SB3Search):
                 "set optimize_memory_usage=False"
             )
         super().__init__(model, env, loop)
+        self._aim_for_real_entropy()
+
+    def _aim_for_real_entropy(self) -> None:
+        """
+        SB3's automatic entropy target is minus the number of all action dimensions. Hallucinated ones stay random for
+        free once the model is sure, so that all of the loss of entropy would fall on the real action, which would stop
+        exploring. So the automatic target becomes minus the number of real dimensions; any other value stays.
+        """
+        model, problem = self.model, self._loop.problem
+        automatic, wanted = -float(problem.action_space.shape[0]), -float(problem.action_dim)
+        if getattr(model, "target_entropy", None) == automatic != wanted:
+            model.target_entropy = wanted  # type: ignore[attr-defined]  # of SAC and its relatives
+            model.logger.info(f"target_entropy is {wanted:g}: hallucinated dimensions do not count")
 
     def _renew_replay(self) -> None:
         loop, settings = self._loop, self._loop.settings.search

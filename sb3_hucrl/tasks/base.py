@@ -26,6 +26,9 @@ class Task(ABC):
     #: number of the state's last dimensions that are outcomes of a step, such as a learned reward: predicted as part of
     #: the next state, and 0 in the state that a step starts from
     outcome_dim: int = 0
+    #: whether dimensions that never changed within a real episode are taken for context: carried through imagination,
+    #: neither hallucinated nor inflated. A task that knows its context says so by ``context_dim`` instead
+    carries_constants: bool = False
     #: indices of the state's angles, in radians
     angle_dims: tuple[int, ...] = ()
 

@@ -22,6 +22,7 @@ class LearnedReward(Task):
     """
 
     outcome_dim = 1
+    carries_constants = True
 
     def __init__(self, observation_dim: int, hallucinate_reward: bool = False) -> None:
         self.observation_dim = observation_dim
