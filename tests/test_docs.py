@@ -1,7 +1,8 @@
-"""The pages of the documentation say what is there, and their code does what they say."""
+"""The documentation: its code runs, and its lists of settings and modules are complete."""
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from sb3_hucrl.exploration import STRATEGIES
 from sb3_hucrl.planning import PLANNERS
 from sb3_hucrl.tasks import find_task
 from sb3_hucrl.tasks.registry import TASKS
+from test_layout import FORWARDING, ROOMS
 
 pytestmark = pytest.mark.slow
 
@@ -32,6 +34,7 @@ SHORTER = {
     "learn(38_400": "learn(640",
     "imagined_steps=6_400": "imagined_steps=320",
     "imagined_steps=12_800": "imagined_steps=320",
+    "range(100)": "range(5)",
     '"horizon": 30': '"horizon": 2',
     '"horizon": 100': '"horizon": 2',
 }
@@ -45,7 +48,7 @@ def snippets(page: str) -> list[str]:
 
 
 def run(snippet: str) -> dict[str, Any]:
-    """Each snippet is a module of its own; what it defines is returned."""
+    """Runs a snippet as a module of its own, and returns its names."""
     namespace: dict[str, Any] = {"__name__": "my_module"}
     exec(snippet, namespace)
     return namespace
@@ -81,7 +84,7 @@ def test_the_quick_start_ends_with_a_learning_curve(tmp_path: Path, monkeypatch:
 
 
 def test_every_extension_is_used() -> None:
-    environment, task, dynamics, exploration, planner = map(run, snippets("extending.md"))
+    environment, task, dynamics, exploration, planner, loop = map(run, snippets("extending.md"))
     assert environment["model"].hucrl.real_episodes >= 3
     assert isinstance(find_task(gym.spec("Parking-v0"), observation_dim=3), task["ParkingTask"])
     linear = dynamics["model"].hucrl.dynamics
@@ -90,6 +93,7 @@ def test_every_extension_is_used() -> None:
     assert sample.predict(th.zeros(5, 2), th.zeros(5, 1)).mean.shape == (5, 2)
     for namespace in (exploration, planner):
         assert namespace["model"].hucrl.real_episodes == 2
+    assert loop["loop"].state.real_episodes == 6
 
 
 @pytest.mark.parametrize("page", ["settings.md", "theory.md"])
@@ -103,10 +107,51 @@ def test_no_page_is_forgotten() -> None:
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 
-def test_every_setting_is_explained() -> None:
-    page = (DOCS / "settings.md").read_text()
-    settings = inspect.signature(HUCRLCallback).parameters
-    assert [name for name in settings if f"`{name}`" not in page] == []
+def table(page: str, header: str) -> list[list[str]]:
+    """The rows of the table with this header, as cells."""
+    _, _, below = (DOCS / page).read_text().partition(f"{header}\n")
+    rows, _, _ = below.partition("\n\n")
+    # The first row is the rule below the header.
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows.splitlines()[1:]]
+
+
+def test_every_setting_is_documented_with_its_default() -> None:
+    documented = {
+        name.strip("`"): default for name, default, _ in table("settings.md", "| setting | default | meaning |")
+    }
+    signature = inspect.signature(HUCRLCallback).parameters
+    assert documented.keys() == signature.keys()
+    for name, parameter in signature.items():
+        if parameter.default is None:  # words say what happens then
+            assert documented[name]
+            assert not documented[name].startswith("`")
+        else:
+            assert ast.literal_eval(documented[name].strip("`")) == parameter.default, name
+    assert [name for name, each in signature.items() if each.kind is not each.KEYWORD_ONLY] == ["exploration"]
+
+
+def module_names() -> set[str]:
+    """Of all packages and modules directly under sb3_hucrl."""
+    paths = (ROOT / "sb3_hucrl").iterdir()
+    return {path.stem for path in paths if path.suffix == ".py" or (path / "__init__.py").is_file()} - {
+        "__init__",
+        "_version",
+    }
+
+
+def test_the_module_map_has_every_module_in_the_order_of_the_layers() -> None:
+    rows = table("how_it_works.md", "| module | contents | reference |")
+    named = [name for cell, _, _ in rows for name in re.findall(r"`(\w+)`", cell)]
+    assert len(named) == len(set(named))
+    assert set(named) == module_names()
+    layers = [name for rooms in ROOMS for name in rooms]
+    assert [name for name in named if name in layers] == layers
+
+
+def test_the_reference_has_every_module() -> None:
+    reference = "".join(path.read_text() for path in (DOCS / "api").glob("*.rst"))
+    missing = {name for name in module_names() if not re.search(rf"sb3_hucrl\.{name}\b", reference)}
+    assert missing == FORWARDING | {"zoo_hyperparams"}
 
 
 def test_what_the_readme_links_to_is_there() -> None:
