@@ -110,6 +110,8 @@ def test_reward_is_steered_only_on_request(hallucinate_reward: bool) -> None:
     outcome = imagination.step(actions)
     np.testing.assert_allclose(outcome.observations, [[1.2, 0.2]] * 2, rtol=1e-6)
     np.testing.assert_allclose(outcome.rewards, 1.2 if hallucinate_reward else 1.0, rtol=1e-6)
+    # The model never saw a state that held a reward before the step.
+    np.testing.assert_array_equal(imagination.states[:, 2], 0.0)
 
 
 def test_context_reaches_the_policy_and_the_reward_but_not_the_model() -> None:

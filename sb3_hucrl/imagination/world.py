@@ -150,11 +150,12 @@ class World:
         :param state: that a step led to, shape (B, p + c)
         :return: the state that the next step starts from: outcomes, such as a learned reward, are 0 there
         """
-        if not self.task.outcome_dim:
+        task = self.task
+        if not task.outcome_dim:
             return state
         # A copy: rewards that were handed out may share memory with this one.
         state = state.clone()
-        state[:, self.task.hallucinated_dim : self.task.state_dim] = 0.0
+        state[:, task.state_dim - task.outcome_dim : task.state_dim] = 0.0
         return state
 
     def trajectories(self, n: int, seed: int | None = None) -> Trajectories:
