@@ -84,11 +84,12 @@ class World:
             ours = f"hallucinate: true, hallucinated_dim: {hallucinated_dim}"
             if hallucinated_dim == 0:
                 room, ours = "no HallucinationWrapper around it", "hallucinate: false"
+            context = f" (its {task.context_dim} columns of context are not hallucinated)" if task.context_dim else ""
             raise ValueError(
                 f"the action space has {self.action_space.shape[0]} dimensions: {predictor.action_dim} of the real "
                 f"action, and {type(self.strategy).__name__} on {type(task).__name__} needs {hallucinated_dim} "
-                f"hallucinated ones: make the environment with {room}; if it is one of this package, with env_kwargs: "
-                f"{{{ours}}}"
+                f"hallucinated ones{context}: make the environment with {room}; if it is one of this package, with "
+                f"env_kwargs: {{{ours}}}"
             )
 
     @property
