@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -258,52 +254,6 @@ def test_training_stops_with_the_first_real_episode_that_is_good_enough() -> Non
     other.learn(320, small_callback(initial_episodes=2, reward_threshold=-1e9))
     assert state_of(other).real_episodes == 2
     assert other.num_timesteps < 80
-
-
-def test_an_interrupted_search_is_not_played_for_real() -> None:
-    class Interrupt(HUCRLCallback):
-        def _on_step(self) -> bool:
-            if self.num_timesteps == 40:
-                raise KeyboardInterrupt
-            return True
-
-    callback, env = Interrupt(imagined_steps=80, dynamics_kwargs={"gradient_steps": 5}), imagination_env()
-    model = small_sac(env)
-    with pytest.raises(KeyboardInterrupt):
-        model.learn(160, callback=callback)
-    callback.on_training_end()
-    assert state_of(model).real_episodes == 1
-    assert env.trajectories is None
-
-
-SCRIPT = """
-import sys
-from helpers import imagination_env, small_callback, small_sac
-from stable_baselines3.common.callbacks import CheckpointCallback
-checkpoints = CheckpointCallback(25, sys.argv[1])
-small_sac(imagination_env()).learn(1_000_000, callback=[small_callback(), checkpoints])
-"""
-
-
-@pytest.mark.slow
-def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-c", SCRIPT, str(tmp_path)], cwd=Path(__file__).parent)
-    deadline = time.monotonic() + 120
-    while len(checkpoints := sorted(tmp_path.glob("*.zip"), key=lambda path: path.stat().st_mtime)) < 4:
-        assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    # The newest file may have been cut off while it was written; the one before it is whole.
-    model = SAC.load(checkpoints[-2], env=imagination_env(), device="cpu")
-    saved = state_of(model).dataset.transitions
-    episodes = state_of(model).real_episodes
-    assert len(saved) == 400 * episodes > 0
-    model.learn(80, callback=small_callback())
-    now = state_of(model).dataset.transitions
-    assert th.equal(now.states[: len(saved)], saved.states)
-    assert state_of(model).real_episodes == episodes + 1
 
 
 def test_a_checkpoint_of_other_dimensions_is_refused() -> None:

@@ -18,6 +18,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_hucrl.sb3 import Parameters
+from sb3_hucrl.sb3.running import RunningLearn
 
 ENV = "Pendulum-v1"
 
@@ -93,6 +94,26 @@ def test_total_timesteps_are_handed_to_callbacks() -> None:
         model.learn(10, callback=Reader(name), reset_num_timesteps=False)
         assert totals == [10, done + 10], f"sb3/search.py: {name} in {algorithm.__name__}.learn"
         totals.clear()
+
+
+def test_training_starts_within_a_method_called_learn() -> None:
+    seen = []
+
+    class Start(BaseCallback):
+        def _on_training_start(self) -> None:
+            self.learn = RunningLearn(self.model)
+
+        def _on_step(self) -> bool:
+            seen.append(self.learn())
+            return True
+
+    for algorithm in (SAC, PPO, ARS):
+        model: Any = algorithm("LinearPolicy" if algorithm is ARS else "MlpPolicy", ENV, device="cpu")
+        start = Start()
+        model.learn(1, callback=[start])
+        assert not start.learn(), f"sb3/running.py: {algorithm.__name__}.learn"
+    assert seen
+    assert all(seen), "sb3/running.py"
 
 
 def test_a_policy_predicts_its_mode_differentiably() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,10 @@ class ImaginationVecEnv(VecEnvWrapper):
     (``TimeLimit.truncated``), an end of the task a termination; both restart the trajectory, and the infos carry
     ``terminal_observation`` and ``episode`` as SB3 expects them.
 
+    A training that is interrupted, by Ctrl-C or an error, does not come to its end, where it would switch back. So
+    :meth:`reset`, with which every evaluation begins, asks whether the training that imagines is still running. If it
+    is not, the environments are the real ones from then on, and a warning says so.
+
     :param venv: real environments, wrapped in :class:`HallucinationWrapper` if the exploration strategy hallucinates
     :raises ValueError: if actions are not bounded and continuous, observations are not vectors, or ``venv`` is wrapped
         in another VecEnv wrapper
@@ -38,18 +43,21 @@ class ImaginationVecEnv(VecEnvWrapper):
         require_vector_observation(venv.observation_space)
         self._trajectories: Trajectories | None = None
         self._actions: Array = np.empty(0, dtype=np.float32)
+        self._is_training: Callable[[], bool] | None = None
 
     @property
     def trajectories(self) -> Trajectories | None:
         """The imagined trajectories, or None while the environments are the real ones."""
         return self._trajectories
 
-    def imagine(self, world: World, seed: int | None = None) -> None:
+    def imagine(self, world: World, seed: int | None = None, is_training: Callable[[], bool] | None = None) -> None:
         """
         Switch into imagination; call ``reset()`` next.
 
         :param world: to imagine
         :param seed: of the noise and the start states; by default the world's own
+        :param is_training: whether the training that imagines is still running, asked at each reset; by default
+            imagination lasts until :meth:`real`
         :raises ValueError: if the world's actions are not those of the environments
         """
         if world.action_space != self.action_space:
@@ -58,10 +66,11 @@ class ImaginationVecEnv(VecEnvWrapper):
                 "the world for these environments"
             )
         self._trajectories = world.trajectories(self.num_envs, seed)
+        self._is_training = is_training
 
     def real(self) -> None:
         """Switch back to the real environments; call ``reset()`` next."""
-        self._trajectories = None
+        self._trajectories = self._is_training = None
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         if self._trajectories is not None and seed is not None:
@@ -69,6 +78,13 @@ class ImaginationVecEnv(VecEnvWrapper):
         return super().seed(seed)
 
     def reset(self) -> VecEnvObs:
+        if self._is_training is not None and not self._is_training():
+            warnings.warn(
+                "the training that imagined these environments was interrupted: from this reset on they are the real "
+                "ones again",
+                stacklevel=2,
+            )
+            self.real()
         if self._trajectories is None:
             observations = self.venv.reset()
             self.reset_infos = self.venv.reset_infos

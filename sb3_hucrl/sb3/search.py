@@ -21,6 +21,7 @@ from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
+from sb3_hucrl.sb3.running import RunningLearn
 from sb3_hucrl.wrappers import ImaginationVecEnv
 
 
@@ -47,6 +48,7 @@ class SB3Search:
             )
         self.model, self._env, self._loop = model, env, loop
         self._planner: MPCPolicy | None = None
+        self._is_training = RunningLearn(model)
         self._plan_in(loop.world)
 
     def _plan_in(self, world: World) -> None:
@@ -62,7 +64,7 @@ class SB3Search:
 
         :param world: to search in
         """
-        self._env.imagine(world)
+        self._env.imagine(world, is_training=self._is_training)
         self._plan_in(world)
         self._renew_replay()
         self._restart_trajectories()
