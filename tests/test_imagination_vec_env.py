@@ -1,5 +1,6 @@
 """SB3's VecEnv contract, in reality and in imagination."""
 
+import warnings
 from collections.abc import Callable
 
 import gymnasium as gym
@@ -8,8 +9,10 @@ import pytest
 import torch as th
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
+from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
@@ -17,6 +20,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
 from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, random_actions, small_world
 from sb3_hucrl import ImaginationVecEnv, LearnedModelEnv, ProbabilisticEnsemble, StartStates
 from sb3_hucrl.tasks import PendulumTask
+
+FORGOTTEN = "nothing was imagined: if this is a training, give it HUCRLCallback"
 
 
 def array(observations: VecEnvObs) -> np.ndarray:
@@ -179,3 +184,31 @@ def test_vec_env_wrappers_inside_which_real_episodes_would_bypass_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=r"real episodes bypass it: use gymnasium wrappers .* VecNormalize\(Imag"):
         ImaginationVecEnv(wrapper(make_vec_env(ENV_ID, 2)))
+
+
+def test_a_training_without_the_callback_is_warned_once() -> None:
+    env = imagination_env(max_episode_steps=100)
+    model = SAC("MlpPolicy", env, learning_starts=100_000, device="cpu")
+    with pytest.warns(UserWarning, match=FORGOTTEN) as caught:
+        model.learn(12_000)
+    assert len([each for each in caught if "nothing was imagined" in str(each.message)]) == 1
+
+
+@pytest.mark.parametrize(("n_envs", "limit"), [(1, 2_000), (4, 100), (4, 600)])
+def test_an_evaluation_is_not_taken_for_a_training(n_envs: int, limit: int) -> None:
+    env = imagination_env(n_envs, max_episode_steps=limit)
+    model = SAC("MlpPolicy", env, device="cpu")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        for _ in range(4):
+            evaluate_policy(model, env, n_eval_episodes=10, warn=False)
+
+
+def test_real_steps_after_imagination_are_no_accident() -> None:
+    env = dreaming()
+    env.real()
+    env.reset()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        for _ in range(3_000):
+            env.step(np.zeros((4, 3), dtype=np.float32))

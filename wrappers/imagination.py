@@ -13,6 +13,10 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from sb3_hucrl.imagination import Array, Trajectories, World
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 
+#: real steps without a reset, over all environments, that only a training takes: at least so many, and at least so many
+#: episodes of full length; an evaluation begins with a reset, and plays five to ten episodes by default
+LONG_STEPS, LONG_EPISODES = 5_000, 20
+
 
 class ImaginationVecEnv(VecEnvWrapper):
     """
@@ -44,6 +48,8 @@ class ImaginationVecEnv(VecEnvWrapper):
         self._trajectories: Trajectories | None = None
         self._actions: Array = np.empty(0, dtype=np.float32)
         self._is_training: Callable[[], bool] | None = None
+        # Real steps since the last reset; None once there is no need to count them any longer.
+        self._real_steps: int | None = 0 if venv.num_envs > 1 else None
 
     @property
     def trajectories(self) -> Trajectories | None:
@@ -66,7 +72,7 @@ class ImaginationVecEnv(VecEnvWrapper):
                 "the world for these environments"
             )
         self._trajectories = world.trajectories(self.num_envs, seed)
-        self._is_training = is_training
+        self._is_training, self._real_steps = is_training, None
 
     def real(self) -> None:
         """Switch back to the real environments; call ``reset()`` next."""
@@ -86,6 +92,7 @@ class ImaginationVecEnv(VecEnvWrapper):
             )
             self.real()
         if self._trajectories is None:
+            self._real_steps = None if self._real_steps is None else 0
             observations = self.venv.reset()
             self.reset_infos = self.venv.reset_infos
             return observations
@@ -103,6 +110,7 @@ class ImaginationVecEnv(VecEnvWrapper):
         if trajectories is None:
             results = self.venv.step_wait()
             self.reset_infos = self.venv.reset_infos
+            self._count_real_step()
             return results
         step = trajectories.step(self._actions)
         observations, dones = step.observations, step.terminated | step.truncated
@@ -118,6 +126,22 @@ class ImaginationVecEnv(VecEnvWrapper):
             observations = observations.copy()
             observations[finished] = trajectories.reset(finished)
         return observations, step.rewards, dones, infos
+
+    def _count_real_step(self) -> None:
+        if self._real_steps is None:
+            return
+        self._real_steps += self.num_envs
+        if self._real_steps < LONG_STEPS:
+            return
+        spec = self.venv.get_attr("spec", indices=0)[0]
+        if self._real_steps >= LONG_EPISODES * ((spec and spec.max_episode_steps) or 0):
+            self._real_steps = None
+            warnings.warn(
+                f"{self.num_envs} real environments have been stepped for long, and nothing was imagined: if this is a "
+                "training, give it HUCRLCallback: model.learn(..., callback=HUCRLCallback()), in a YAML file "
+                "callback: sb3_hucrl.HUCRLCallback",
+                stacklevel=2,
+            )
 
 
 def imagination_layer(env: VecEnv) -> tuple[ImaginationVecEnv | None, list[VecEnvWrapper]]:
