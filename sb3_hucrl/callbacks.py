@@ -13,6 +13,7 @@ from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
 from sb3_hucrl.sb3 import csv_output, find_imagination, make_loop, make_search, record, save_atomically
+from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.tasks import Task
 
 
@@ -103,6 +104,7 @@ class HUCRLCallback(BaseCallback):
         self._search_start = self._total_timesteps = 0
 
     def _on_training_start(self) -> None:
+        require_place(self, HUCRLCallback)
         if self.log_dir is not None and self._csv is None:
             self._csv = csv_output(self.log_dir)
         if self._csv is not None and self._csv not in self.logger.output_formats:

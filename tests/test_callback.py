@@ -11,8 +11,10 @@ import pandas as pd
 import pytest
 import torch as th
 from gymnasium.wrappers import TimeLimit
+from sb3_contrib import ARS
 from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import CallbackList, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import load_results
@@ -308,6 +310,26 @@ def test_bad_stacks_are_refused_with_advice() -> None:
         small_sac().learn(80, callback=small_callback(exploration="greedy"))
     with pytest.raises(ValueError, match=r"Optimistic .* needs 2 .*HallucinationWrapper"):
         small_sac(imagination_env(hallucinate=False)).learn(80, callback=small_callback())
+
+
+@pytest.mark.parametrize("algorithm", [SAC, PPO, ARS])
+def test_a_callback_that_would_play_no_real_episode_or_disturb_another_is_refused(
+    algorithm: Any,
+) -> None:
+    for callback, message in (
+        (
+            EveryNTimesteps(20, small_callback()),
+            r"inside EveryNTimesteps.* beside, callback=\[HUCRLCallback\(\), Every",
+        ),
+        ([EveryNTimesteps(20, CallbackList([small_callback()]))], "inside EveryNTimesteps"),
+        ([small_callback(), small_callback()], "there are 2 HUCRLCallbacks in this training"),
+        ([small_callback(), EveryNTimesteps(20, small_callback())], "there are 2 HUCRLCallbacks in this training"),
+    ):
+        env = imagination_env()
+        model = algorithm("LinearPolicy" if algorithm is ARS else "MlpPolicy", env, device="cpu")
+        with pytest.raises(ValueError, match=message):
+            model.learn(80, callback=callback)
+        assert env.get_attr("total_steps")[0] == 0
 
 
 def test_an_environment_without_time_limit_or_with_anothers_task_is_refused_with_advice() -> None:

@@ -1,0 +1,41 @@
+"""Where a callback stands among the callbacks of a training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, EventCallback
+
+
+def require_place(callback: BaseCallback, kind: type[BaseCallback]) -> None:
+    """
+    Check at the start of a training that a callback sees all of it, and shares it with none of its kind.
+
+    :param callback: in training
+    :param kind: of callback of which there may be one
+    :raises ValueError: if it is inside a callback that calls it only now and then, or there are two
+    """
+    if isinstance(callback.parent, EventCallback):
+        event = type(callback.parent).__name__
+        raise ValueError(
+            f"{kind.__name__} is inside {event}, which calls it only now and then, so that it could play no real "
+            f"episode: put it beside, callback=[{kind.__name__}(), {event}(...)]"
+        )
+    # Which of the variables of learn() holds all callbacks differs between algorithms.
+    for value in callback.locals.values():
+        if isinstance(value, BaseCallback):
+            count = sum(isinstance(each, kind) for each in _all_within(value))
+            if count > 1:
+                raise ValueError(
+                    f"there are {count} {kind.__name__}s in this training, and each would play real episodes and "
+                    "replace what the other imagines: give learn() one of them"
+                )
+
+
+def _all_within(callback: BaseCallback) -> Iterator[BaseCallback]:
+    yield callback
+    if isinstance(callback, CallbackList):
+        for each in callback.callbacks:
+            yield from _all_within(each)
+    elif isinstance(callback, EventCallback) and callback.callback is not None:
+        yield from _all_within(callback.callback)
