@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import CSVOutputFormat
 
 from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
-from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
+from sb3_hucrl.loop import ModelSettings, RealSettings, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
-from sb3_hucrl.sb3 import csv_output, find_imagination, make_loop, make_search, record, save_atomically
-from sb3_hucrl.sb3.place import require_place
+from sb3_hucrl.sb3 import TrainingLog, find_imagination, make_loop, make_search, require_place, save_atomically
 from sb3_hucrl.tasks import Task
 
 
@@ -99,20 +97,17 @@ class HUCRLCallback(BaseCallback):
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )
         self.log_dir, self.checkpoint = log_dir, checkpoint
-        self._csv: CSVOutputFormat | None = None
+        self._log = TrainingLog()
         self._searching = False
         self._search_start = self._total_timesteps = 0
 
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
-        if self.log_dir is not None and self._csv is None:
-            self._csv = csv_output(self.log_dir)
-        if self._csv is not None and self._csv not in self.logger.output_formats:
-            self.logger.output_formats.append(self._csv)
         self._env = find_imagination(self.training_env)
-        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._log, self.verbose)
+        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._log.record, self.verbose)
         self._search = make_search(self.model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)
+        self._log.begin(self.model, self.log_dir, held=lambda: self._env.trajectories is not None)
         self._loop.begin()
         self._start_search()
 
@@ -132,6 +127,7 @@ class HUCRLCallback(BaseCallback):
         if self._searching:
             self._searching = False
             self._env.real()
+            self._log.end()
 
     def _start_search(self) -> None:
         self._search.restart(self._loop.begin_search(self._env.num_envs))
@@ -144,6 +140,3 @@ class HUCRLCallback(BaseCallback):
     def _save(self) -> None:
         if self.checkpoint is not None:
             save_atomically(self.model, self.checkpoint)
-
-    def _log(self, report: Report) -> None:
-        record(self.logger, report, self.model.num_timesteps)

@@ -7,7 +7,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pandas as pd
 import pytest
 import torch as th
 from gymnasium.wrappers import TimeLimit
@@ -16,7 +15,6 @@ from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
@@ -78,31 +76,6 @@ def test_what_is_imagined_comes_true_where_the_model_is_the_truth() -> None:
     th.testing.assert_close(imagined.actions, real.actions, atol=1e-3, rtol=1e-3)
     th.testing.assert_close(imagined.states.cos(), real.states.cos(), atol=1e-3, rtol=1e-3)
     th.testing.assert_close(imagined.rewards, real.rewards, atol=1e-3, rtol=1e-3)
-
-
-def test_monitor_and_progress_files_hold_the_real_episodes_in_order(tmp_path: Path) -> None:
-    env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, monitor_dir=str(tmp_path)))
-    small_sac(env).learn(160, callback=small_callback(log_dir=str(tmp_path), start_states={"initial": 1}))
-    monitor = load_results(str(tmp_path))
-    assert monitor.l.tolist() == [400] * 3
-    progress = pd.read_csv(tmp_path / "progress.csv").dropna(subset=["real/return"])
-    assert progress["real/episode"].tolist() == [1, 2, 3]
-    assert progress["real/steps"].tolist() == [400, 800, 1200]
-    np.testing.assert_allclose(progress["real/return"], monitor.r, atol=1e-3)
-    later = progress.iloc[1:][["imagined/return", "imagined/epistemic_std", "dynamics/holdout_nll"]]
-    assert np.isfinite(later.to_numpy(dtype=float)).all()
-    assert (progress[["time/rollout_seconds", "time/fit_seconds"]].to_numpy() > 0).all()
-
-
-def test_logs_to_tensorboard_too(tmp_path: Path) -> None:
-    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    model = small_sac()
-    model.set_logger(configure(str(tmp_path), ["tensorboard"]))
-    model.learn(160, callback=small_callback())
-    events = event_accumulator.EventAccumulator(str(tmp_path)).Reload()
-    assert [event.value for event in events.Scalars("real/episode")] == [1, 2, 3]
-    assert len(events.Scalars("dynamics/calibration_error_1")) == 3
-    assert len(events.Images("dynamics/reliability")) == 3
 
 
 def test_same_seed_gives_identical_real_returns(tmp_path: Path) -> None:

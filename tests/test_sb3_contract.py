@@ -5,6 +5,7 @@ fails here names the attribute that a new version has changed, and the module th
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -13,11 +14,13 @@ import pytest
 import torch as th
 from sb3_contrib import ARS
 from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_hucrl.sb3 import Parameters
+from sb3_hucrl.sb3.dumps import MARK
 from sb3_hucrl.sb3.running import RunningLearn
 
 ENV = "Pendulum-v1"
@@ -114,6 +117,22 @@ def test_training_starts_within_a_method_called_learn() -> None:
         assert not start.learn(), f"sb3/running.py: {algorithm.__name__}.learn"
     assert seen
     assert all(seen), "sb3/running.py"
+
+
+def test_an_algorithm_records_its_speed_before_it_dumps_and_an_evaluation_does_not(tmp_path: Path) -> None:
+    class Spy(Logger):
+        def dump(self, step: int = 0) -> None:
+            dumped.append(set(self.name_to_value))
+            super().dump(step)
+
+    for algorithm in (SAC, PPO, ARS):
+        dumped: list[set[str]] = []
+        model: Any = algorithm("LinearPolicy" if algorithm is ARS else "MlpPolicy", ENV, device="cpu")
+        model.set_logger(Spy(str(tmp_path), []))
+        model.learn(450, log_interval=1, callback=EvalCallback(gym.make(ENV), eval_freq=150, verbose=0, warn=False))
+        marked = {MARK in each for each in dumped}
+        assert marked == {True, False}, f"sb3/dumps.py: {algorithm.__name__}"
+        assert all((MARK in each) != ("eval/mean_reward" in each) for each in dumped), "sb3/dumps.py: EvalCallback"
 
 
 def test_a_policy_predicts_its_mode_differentiably() -> None:

@@ -89,7 +89,7 @@ class StartStates:
             # A goal that no episode has is not a state further out.
             spread[self._task.state_dim :] = 0.0
             if self._task.carries_constants:
-                steered = self._task.hallucinated_dim
-                spread[:steered] *= ~self._dataset.constant_dims(steered)
+                observed = self._task.state_dim - self._task.outcome_dim
+                spread[:observed] *= ~self._dataset.constant_dims(observed)
             states = states + INFLATION * spread * th.randn(states.shape, generator=generator)
         return states

@@ -2,9 +2,10 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.checkpoint import save_atomically
-from sb3_hucrl.sb3.logging import csv_output, record
+from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.parameters import Parameters
+from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer
 from sb3_hucrl.sb3.search import SB3Search, make_search
@@ -17,8 +18,8 @@ __all__ = [
     "Parameters",
     "SB3Policy",
     "SB3Search",
+    "TrainingLog",
     "attach_state",
-    "csv_output",
     "find_imagination",
     "get_state",
     "make_loop",
@@ -26,6 +27,6 @@ __all__ = [
     "planner_actor",
     "policy_actor",
     "read_problem",
-    "record",
+    "require_place",
     "save_atomically",
 ]

@@ -2,25 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import CSVOutputFormat, Figure, Logger, TensorBoardOutputFormat
 
 from sb3_hucrl.dynamics.calibration import Calibration
 from sb3_hucrl.loop import Report
 from sb3_hucrl.plots import reliability_figure
+from sb3_hucrl.sb3.dumps import HeldDumps
 
 #: outputs in which a value per state dimension would hide the rest
 TERSE = ("stdout", "log")
 
 
-def csv_output(folder: str | Path) -> CSVOutputFormat:
+class TrainingLog:
     """
-    :param folder: it is made if it does not exist
-    :return: writes everything that is logged to ``progress.csv`` in the folder
+    What is written of a training: one row, or table, for each real episode, with the latest that the algorithm itself
+    recorded. It goes to the outputs of the algorithm's logger, and to ``progress.csv`` if there is a folder for it.
     """
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    return CSVOutputFormat(str(Path(folder) / "progress.csv"))
+
+    def __init__(self) -> None:
+        self._csv: CSVOutputFormat | None = None
+
+    def begin(self, model: BaseAlgorithm, folder: str | None, held: Callable[[], bool]) -> None:
+        """
+        :param model: in training
+        :param folder: for ``progress.csv``; it is made if it does not exist. None for no such file
+        :param held: whether to hold back what the algorithm itself would write, see :class:`HeldDumps`
+        """
+        self._model = model
+        if folder is not None and self._csv is None:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            self._csv = CSVOutputFormat(str(Path(folder) / "progress.csv"))
+        if self._csv is not None and self._csv not in model.logger.output_formats:
+            model.logger.output_formats.append(self._csv)
+        self._dumps = HeldDumps(model.logger, held)
+
+    def record(self, report: Report) -> None:
+        """
+        :param report: of the loop, to be written
+        """
+        record(self._model.logger, report, self._model.num_timesteps)
+
+    def end(self) -> None:
+        """Leave the logger as it was. A second call changes nothing."""
+        self._dumps.release()
 
 
 def record(logger: Logger, report: Report, num_timesteps: int) -> None:

@@ -19,9 +19,6 @@ from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.settings import move_settings
 from sb3_hucrl.zoo.tuning import prepare_trial
 
-#: rl_zoo3's own words for 'the user did not say' and 'the callback logs'
-LOG_INTERVAL_UNSET, LOG_INTERVAL_BY_CALLBACK = -1, -2
-
 
 def _use_our_hyperparameters(manager: ExperimentManager, algo: str, config: str | None) -> None:
     hyperparams = files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml"
@@ -38,10 +35,6 @@ def _prepare_logs(manager: ExperimentManager) -> None:
     for callback in _callbacks(manager):
         callback.log_dir = callback.log_dir or manager.save_path
         callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
-        if manager.log_interval == LOG_INTERVAL_UNSET:
-            # All imagined trajectories end in the same step, and SB3 would print a table for every fourth of them. The
-            # callback prints one for each real episode.
-            manager.log_interval = LOG_INTERVAL_BY_CALLBACK
 
 
 def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
