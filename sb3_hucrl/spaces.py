@@ -16,7 +16,9 @@ def require_bounded_box(action_space: spaces.Space[Any]) -> spaces.Box:
     """
     if not isinstance(action_space, spaces.Box):
         raise ValueError(
-            f"the action space is {action_space}: hallucination needs continuous actions, a one-dimensional Box"
+            f"the action space is {action_space}: hallucination needs continuous actions, a one-dimensional Box; "
+            "choose an environment that has them, such as MountainCarContinuous-v0 in place of MountainCar-v0, or an "
+            "algorithm without a model"
         )
     if len(action_space.shape) != 1:
         raise ValueError(f"the action space has shape {action_space.shape}: flatten it to one dimension")
@@ -37,7 +39,7 @@ def require_vector_observation(observation_space: spaces.Space[Any]) -> spaces.B
     if not isinstance(observation_space, spaces.Box):
         raise ValueError(
             f"the observation space is {observation_space}: a dynamics model needs a vector of floats; "
-            "wrap the environment with gymnasium.wrappers.FlattenObservation"
+            "wrap the environment with gymnasium.wrappers.FlattenObservation, and register that under its own id"
         )
     if len(observation_space.shape) != 1 or not np.issubdtype(observation_space.dtype, np.floating):
         raise ValueError(

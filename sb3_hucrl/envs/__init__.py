@@ -1,4 +1,4 @@
-"""The paper's environments; importing this registers them with gymnasium."""
+"""The paper's environments, and twins with room for a′ of all others; :func:`register_envs` tells gymnasium."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from sb3_hucrl.envs.twins import follow_registrations, register_twins
 from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.registry import find_task
 from sb3_hucrl.wrappers.hallucination import HallucinationWrapper
@@ -60,7 +61,12 @@ def make_env(
 
 
 def register_envs() -> None:
-    """Register the environments with gymnasium; a second call changes nothing."""
+    """
+    Register the environments and the twins of all others with gymnasium; a second call changes nothing.
+
+    Importing this package does so, and registering another environment gives it its twin. A script calls it again only
+    if it imported gymnasium's ``register`` by name before this package, and registered an environment after it.
+    """
     for env_id, max_episode_steps in MAX_EPISODE_STEPS.items():
         if env_id not in gym.registry:
             gym.register(
@@ -69,3 +75,5 @@ def register_envs() -> None:
                 max_episode_steps=max_episode_steps,
                 kwargs={"env_id": env_id},
             )
+    register_twins()
+    follow_registrations()

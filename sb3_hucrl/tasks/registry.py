@@ -24,6 +24,11 @@ from sb3_hucrl.tasks.pendulum import PendulumTask
 from sb3_hucrl.tasks.pusher import PusherTask
 from sb3_hucrl.tasks.reacher import ReacherTask, SparseReacherTask
 
+#: begins the id of an environment with room for a′, before the id of the original
+TWIN_PREFIX = "HUCRL-"
+#: arguments of such an environment that the original does not have
+TWIN_ARGUMENTS = frozenset({"hallucinate", "hallucinated_dim"})
+
 #: builds a task from the keyword arguments of its environment and the number of observed values
 TaskFactory = Callable[[Mapping[str, Any], int], Task]
 
@@ -93,9 +98,16 @@ def find_task(spec: EnvSpec | None, observation_dim: int) -> Task | None:
     """
     :param spec: gymnasium's specification of the environment
     :param observation_dim: number of observed values
-    :return: the environment's task, or None if none is registered
+    :return: the environment's task, or else that of the environment that it is the twin of, or None if neither is
+        registered
     """
-    return None if spec is None or spec.id not in TASKS else TASKS.make(spec.id, spec.kwargs, observation_dim)
+    if spec is None:
+        return None
+    env_id = spec.id if spec.id in TASKS else spec.id.removeprefix(TWIN_PREFIX)
+    if env_id not in TASKS:
+        return None
+    kwargs = {name: value for name, value in spec.kwargs.items() if name not in TWIN_ARGUMENTS}
+    return TASKS.make(env_id, kwargs, observation_dim)
 
 
 def resolve_task(
