@@ -122,4 +122,4 @@ def follow_registrations() -> None:
             register_twins()
 
     for module in (gym, gym.envs, gym.envs.registration):
-        setattr(module, "register", register)
+        vars(module)["register"] = register

@@ -8,11 +8,15 @@ from contextlib import nullcontext
 from importlib.resources import files
 from typing import Any
 
+import gymnasium as gym
 import optuna
+import yaml
 from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
+from sb3_hucrl.envs.twins import Twin, UnsupportedEnvironmentError
+from sb3_hucrl.tasks.registry import TWIN_PREFIX
 from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
 from sb3_hucrl.zoo.sbx import register_sbx
@@ -21,10 +25,29 @@ from sb3_hucrl.zoo.tuning import prepare_trial
 
 
 def _use_our_hyperparameters(manager: ExperimentManager, algo: str, config: str | None) -> None:
+    env_id = str(manager.env_name.gym_id)
     hyperparams = files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml"
-    ours = str(manager.env_name.gym_id).startswith("HUCRL-") or algo in OUR_ALGORITHMS
-    if ours and config is None and hyperparams.is_file():
-        manager.config = str(hyperparams)
+    hallucinates = env_id.startswith(TWIN_PREFIX)
+    if config is not None or not hyperparams.is_file() or not (hallucinates or algo in OUR_ALGORITHMS):
+        return
+    if not hallucinates and env_id not in yaml.safe_load(hyperparams.read_text()):
+        # rl_zoo3 would take those for all environments, which need room for a′.
+        raise ValueError(
+            f"{algo} has no hyperparameters for {env_id}: train it on {TWIN_PREFIX}{env_id}, or name a file of your "
+            "own with -conf"
+        )
+    manager.config = str(hyperparams)
+
+
+def _require_suitable_spaces(manager: ExperimentManager) -> None:
+    """End the command with one line, before an environment in a process of its own fails with many."""
+    spec = gym.spec(manager.env_name.gym_id)
+    if not isinstance(spec.entry_point, Twin):
+        return
+    try:
+        spec.make(**manager.env_kwargs).close()
+    except UnsupportedEnvironmentError as error:
+        raise SystemExit(str(error)) from None
 
 
 def _callbacks(manager: ExperimentManager) -> list[HUCRLCallback]:
@@ -45,6 +68,7 @@ def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]])
 def _init(original: Callable[..., Any]) -> Callable[..., Any]:
     def init(self: ExperimentManager, args: Any, algo: str, *rest: Any, **kwargs: Any) -> None:
         original(self, args, algo, *rest, **kwargs)
+        _require_suitable_spaces(self)
         _use_our_hyperparameters(self, algo, kwargs.get("config"))
 
     return init
