@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from itertools import accumulate
 
 import torch as th
 
@@ -110,6 +111,12 @@ class TransitionDataset:
         self.lengths.append(len(episode))
         drawn = th.rand(len(episode), generator=self._generator) < self.holdout_fraction
         self._is_holdout = th.cat([self._is_holdout, drawn])
+
+    @property
+    def episodes(self) -> list[Transitions]:
+        """The real episodes, in order."""
+        ends = list(accumulate(self.lengths))
+        return [self.transitions[end - length : end] for end, length in zip(ends, self.lengths, strict=True)]
 
     @property
     def train(self) -> Transitions:

@@ -21,12 +21,12 @@ import sb3_hucrl.zoo  # noqa: F401  # for its environments and algorithms
 from benchmark import hyperparameters
 from figures.curves import ALGO
 from figures.experiment import PENDULUM
-from figures.trajectories import transitions
 from sb3_hucrl import ImaginationVecEnv, StartStates, TransitionDataset, World
 from sb3_hucrl.dynamics import Predictor, ProbabilisticEnsemble
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic, Thompson
 from sb3_hucrl.imagination import Limits, imagined_return
 from sb3_hucrl.loop import JUDGED
+from sb3_hucrl.pictures import transitions
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.tasks import PendulumTask

@@ -11,6 +11,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 #: from top to bottom; a room uses itself and those below it, none of its own line
 ROOMS = [
+    ["diagnose", "plot_run", "record"],
+    ["diagnosis", "pictures"],
     ["zoo"],
     ["callbacks"],
     ["sb3"],

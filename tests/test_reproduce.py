@@ -11,10 +11,10 @@ import torch as th
 from benchmark import Run
 from figures import FIGURES
 from figures.experiment import Experiment
-from figures.trajectories import trajectories, transitions
 from helpers import TruePendulum, random_transitions
 from sb3_hucrl import HUCRLState, TransitionDataset
 from sb3_hucrl.loop import ImaginedEpisode
+from sb3_hucrl.pictures import trajectories, transitions
 
 pytestmark = pytest.mark.slow
 

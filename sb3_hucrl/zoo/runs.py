@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import Any
 import gymnasium as gym
 import pandas as pd
 import yaml
-from rl_zoo3.utils import ALGOS
+from rl_zoo3.utils import ALGOS, get_wrapper_class
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_hucrl.imagination import World
-from sb3_hucrl.loop import HUCRLState, Loop, Problem
+from sb3_hucrl.loop import HUCRLState, Loop, Problem, Settings
 from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.zoo.callback_entry import find_entry
@@ -41,6 +43,9 @@ class ZooRun:
         [folder] = [path.parent for path in self.folder.glob("*/config.yml")]
         texts = [(folder / name).read_text() for name in ("args.yml", "config.yml")]
         args, config = (dict(yaml.load(text, Loader=yaml.UnsafeLoader)) for text in texts)
+        # Such a package registers the environment.
+        for name in args.get("gym_packages") or ():
+            importlib.import_module(name)
         return args, config
 
     @property
@@ -63,7 +68,20 @@ class ZooRun:
         paths = [self.folder / name for name in names if (self.folder / name).is_file()]
         if not paths:
             raise ValueError(f"{self.folder} has none of {list(names)}: no real episode has been finished")
-        return ALGOS[args["algo"]].load(paths[0], device="cpu")
+        return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(), device="cpu")
+
+    def _normalised_env(self) -> VecNormalize | None:
+        args, config = self._settings
+        if not config.get("normalize"):
+            return None
+        # SB3 keeps the statistics of observations apart from the model.
+        path = self.folder / args["env"] / "vecnormalize.pkl"
+        if not path.is_file():
+            raise ValueError(
+                f"{self.folder} normalises observations and was ended before rl_zoo3 saved their statistics, without "
+                "which the policy cannot act: end the training with Ctrl-C, or train with normalize:False"
+            )
+        return VecNormalize.load(str(path), DummyVecEnv([self.real_env]))
 
     @cached_property
     def state(self) -> HUCRLState:
@@ -75,21 +93,38 @@ class ZooRun:
 
     def real_env(self, **kwargs: Any) -> gym.Env[Any, Any]:
         """
+        The environment as it was trained on: with the run's ``env_wrapper``.
+
         :param kwargs: arguments of the environment, besides those of the run
         """
         args, config = self._settings
-        return gym.make(self.env_id, **{**(config.get("env_kwargs") or {}), **(args["env_kwargs"] or {}), **kwargs})
+        given = {**(config.get("env_kwargs") or {}), **(args["env_kwargs"] or {}), **kwargs}
+        wrap = get_wrapper_class(config)
+        env = gym.make(self.env_id, **given)
+        return env if wrap is None else wrap(env)
+
+    @cached_property
+    def settings(self) -> Settings:
+        """Of the run's outer loop."""
+        entry = find_entry(self._settings[1].get("callback"))
+        if entry is None:
+            raise ValueError(f"{self.folder} was not trained with HUCRLCallback: it has no dynamics model to look at")
+        return entry.build().settings
+
+    def loop(self, state: HUCRLState | None = None) -> Loop:
+        """
+        :param state: to go on with; None for a fresh one, which has seen nothing
+        :return: the outer loop with the settings of the run; what it does is not saved
+        """
+        real, actions = self.real_env(), require_bounded_box(self.model.action_space)
+        hallucinated_dim = actions.shape[0] - self.state.dataset.action_dim
+        problem = Problem.from_spaces(
+            real.spec, self.model.observation_space, actions, hallucinated_dim, self.settings.model
+        )
+        return Loop(self.settings, problem, real, state, seed=0)
 
     def world(self) -> World:
         """
         :return: what the run imagines now, from where real episodes begin
         """
-        entry = find_entry(self._settings[1].get("callback"))
-        assert entry is not None  # there is a state
-        loop_settings = entry.build().settings
-        state, real, actions = self.state, self.real_env(), require_bounded_box(self.model.action_space)
-        hallucinated_dim = actions.shape[0] - state.dataset.action_dim
-        problem = Problem.from_spaces(
-            real.spec, self.model.observation_space, actions, hallucinated_dim, loop_settings.model
-        )
-        return Loop(loop_settings, problem, real, state).begin_search().from_real_starts()
+        return self.loop(self.state).begin_search().from_real_starts()

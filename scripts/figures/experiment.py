@@ -12,9 +12,9 @@ from typing import Any, Literal
 import pandas as pd
 
 from benchmark import Run, command, imagined_steps
-from figures.trajectories import trajectories
 from results_table import commit, real_episodes
 from sb3_hucrl.files import replacing
+from sb3_hucrl.pictures import trajectories
 from sb3_hucrl.zoo.runs import ZooRun
 
 PENDULUM = "HUCRL-Pendulum-v0"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import torch as th
 
@@ -15,9 +14,7 @@ def trajectories(state: HUCRLState) -> pd.DataFrame:
     :param state: of a run
     :return: one row for each step; ``imagined`` episodes have the number of the real one that they came before
     """
-    ends = np.cumsum(state.dataset.lengths)
-    real = [state.dataset.transitions[slice(end - n, end)] for n, end in zip(state.dataset.lengths, ends, strict=True)]
-    parts = [_rows("real", number, episode) for number, episode in enumerate(real, 1)]
+    parts = [_rows("real", number, episode) for number, episode in enumerate(state.dataset.episodes, 1)]
     imagined = [_rows("imagined", each.real_episode, each.transitions) for each in state.imagined_episodes]
     return pd.concat([*parts, *imagined])
 

@@ -1,0 +1,47 @@
+"""What a run of rl_zoo3 has logged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from sb3_hucrl.zoo.runs import ZooRun
+
+PANELS = {
+    "return": "real/return",
+    "negative log-likelihood of held-out steps": "dynamics/holdout_nll",
+    "calibration error": "dynamics/calibration_error",
+    "epistemic std in imagination": "imagined/epistemic_std",
+}
+
+
+def draw_progress(run: ZooRun, picture: Path) -> None:
+    """
+    Returns, model error, calibration and epistemic std against real episodes.
+
+    :param run: finished, running or killed
+    :param picture: is written
+    """
+    # Imported late, because importing matplotlib takes long.
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    for axis, (title, column) in zip(axes.flat, PANELS.items(), strict=True):
+        values = run.progress.get(column, pd.Series(dtype=float)).dropna()
+        axis.plot(values.index, values, marker="o", markersize=3, label="real")
+        axis.set_title(title, fontsize=10)
+        axis.grid(alpha=0.3)
+    imagined = run.state.imagined_episodes
+    numbers = [episode.real_episode for episode in imagined]
+    promised = [float(episode.transitions.rewards.sum()) for episode in imagined]
+    axes[0, 0].plot(numbers, promised, marker="o", markersize=3, linestyle="--", label="imagined before it")
+    axes[0, 0].legend(fontsize=8)
+    axes[0, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes[1, 1].set_yscale("log")
+    for axis in axes[1]:
+        axis.set_xlabel("real episode")
+    figure.suptitle(f"{run.folder}: {len(run.state.dataset):,} real steps")
+    figure.savefig(picture, dpi=130)
