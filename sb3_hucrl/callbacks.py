@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
@@ -35,7 +35,8 @@ class HUCRLCallback(BaseCallback):
     :param task: reward, termination and state: a task, the place to import one from (``"my_module.MyTask"``), or
         ``"learned"``; by default the one registered for the environment's id, and learned where there is none
     :param task_kwargs: arguments of an imported or learned task
-    :param horizon: length of an imagined trajectory; by default that of a real episode
+    :param horizon: length of an imagined trajectory, by default that of a real episode; ``[first, last, begin, end]``
+        lets it grow from ``first`` to ``last`` between these numbers of real steps
     :param imagined_steps: timesteps of each policy search; by default 64 for each real step since the last one
     :param initial_episodes: random real episodes before the first search, at least 1
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
@@ -66,7 +67,7 @@ class HUCRLCallback(BaseCallback):
         dynamics_kwargs: Mapping[str, Any] | None = None,
         task: Task | str | None = None,
         task_kwargs: Mapping[str, Any] | None = None,
-        horizon: int | None = None,
+        horizon: int | Sequence[int] | None = None,
         imagined_steps: int | None = None,
         initial_episodes: int = 1,
         initial_steps: int | None = None,

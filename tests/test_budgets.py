@@ -12,6 +12,7 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from helpers import imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
+from sb3_hucrl.loop.schedule import HorizonSchedule
 
 
 class Brief(gym.Env[Any, Any]):
@@ -78,3 +79,29 @@ def test_a_search_is_as_long_as_there_are_new_steps() -> None:
 def test_a_budget_below_one_step_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} is 0: give at least 1"):
         small_callback(**{name: 0})
+
+
+def test_a_horizon_grows_between_two_numbers_of_real_steps() -> None:
+    schedule = HorizonSchedule.read([1, 15, 20_000, 100_000])
+    steps = (0, 20_000, 60_000, 99_999, 100_000, 200_000)
+    assert [schedule.at(each) for each in steps] == [1, 1, 8, 14, 15, 15]
+    assert HorizonSchedule.read(7).at(10**6) == 7
+    with pytest.raises(ValueError, match=r"give one number, or \[first, last, begin, end\]"):
+        small_callback(horizon=[1, 15])
+    with pytest.raises(ValueError, match="the second larger than the first"):
+        small_callback(horizon=[1, 15, 100, 100])
+
+
+def test_each_search_has_the_horizon_of_its_time() -> None:
+    horizons = []
+
+    class Spy(HUCRLCallback):
+        def _start_search(self) -> None:
+            super()._start_search()
+            horizons.append(self._loop.world.horizon)
+
+    env = imagination_env(max_episode_steps=10)
+    small_sac(env).learn(
+        240, callback=Spy(imagined_steps=80, horizon=[2, 6, 10, 30], dynamics_kwargs={"gradient_steps": 5})
+    )
+    assert horizons == [2, 4, 6]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from sb3_hucrl.loop.actors import Actor, one_by_one, random_actor
 from sb3_hucrl.loop.episodes import RealSystem, collect_episode
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
+from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import Settings
@@ -85,7 +87,7 @@ class Loop:
             search.strategy,
             problem.task,
             problem.action_space,
-            search.horizon or problem.episode_length,
+            self._horizon(),
             search.start_states,
             search.uncertainty_cap,
         )
@@ -110,6 +112,12 @@ class Loop:
             kwargs = settings.dynamics_kwargs or {}
             dynamics = make_dynamics(dynamics, task.state_dim, action_dim, task.angle_dims, generator, **kwargs)
         return HUCRLState(dataset, dynamics, generator)
+
+    def _horizon(self) -> int:
+        horizon = self.settings.search.horizon
+        if horizon is None:
+            return self.problem.episode_length
+        return HorizonSchedule.read(horizon).at(len(self.state.dataset))
 
     def _require_same_dimensions(self) -> None:
         dataset = self.state.dataset
@@ -147,6 +155,7 @@ class Loop:
         """
         planning = self.settings.planning
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
+        self.recipe = replace(self.recipe, horizon=self._horizon())
         self.world = self.recipe.world(self.state, self._starts, num_samples)
         self._note("hucrl", self.state.dynamics.diagnostics())
         self._note("hucrl", self.world.strategy.diagnostics())

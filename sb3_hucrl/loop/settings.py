@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
+from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.planning import PlanningSettings
 from sb3_hucrl.tasks import Task
 
@@ -64,7 +65,8 @@ class SearchSettings:
     :param strategy: how imagination uses uncertainty
     :param imagined_steps: timesteps of each search, over all imagined trajectories; None for 64 for each real step
         since the last one
-    :param horizon: length of an imagined trajectory; None for that of a real episode
+    :param horizon: length of an imagined trajectory, or ``[first, last, begin, end]`` to let it grow between these
+        numbers of real steps; None for the length of a real episode
     :param start_states: weights of the kinds of start states, see :class:`sb3_hucrl.imagination.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
     :param stale_fraction: fraction of its replay buffer kept after a refit, newest first, in [0, 1]
@@ -74,14 +76,16 @@ class SearchSettings:
 
     strategy: ExplorationStrategy = field(default_factory=Optimistic)
     imagined_steps: int | None = None
-    horizon: int | None = None
+    horizon: int | Sequence[int] | None = None
     start_states: Mapping[str, float] | None = None
     real_data_fraction: float = 0.0
     stale_fraction: float = 0.0
     uncertainty_cap: float | None = None
 
     def __post_init__(self) -> None:
-        _require_at_least_one(imagined_steps=self.imagined_steps, horizon=self.horizon)
+        _require_at_least_one(imagined_steps=self.imagined_steps)
+        if self.horizon is not None:
+            HorizonSchedule.read(self.horizon)
         _require_fraction(real_data_fraction=self.real_data_fraction, stale_fraction=self.stale_fraction)
         cap = self.uncertainty_cap
         if cap is not None and not cap > 0:
