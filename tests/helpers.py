@@ -11,6 +11,7 @@ from gymnasium import spaces
 from stable_baselines3 import SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl import (
     DynamicsModel,
@@ -137,7 +138,7 @@ def small_callback(**kwargs: Any) -> HUCRLCallback:
     return HUCRLCallback(**{**settings, **kwargs})
 
 
-def small_sac(env: ImaginationVecEnv | None = None, seed: int = 0, **kwargs: Any) -> SAC:
+def small_sac(env: VecEnv | None = None, seed: int = 0, **kwargs: Any) -> SAC:
     """SAC that learns little, but fast."""
     settings: dict[str, Any] = {"batch_size": 16, "policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000}
     return SAC("MlpPolicy", env or imagination_env(), seed=seed, device="cpu", **{**settings, **kwargs})

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch as th
 from stable_baselines3 import SAC, TD3
+from stable_baselines3.common.vec_env import VecNormalize
 
-from helpers import imagination_env, limits_of, small_callback, small_sac, small_world
+from helpers import imagination_env, limits_of, small_callback, small_sac, small_world, state_of
 from sb3_hucrl import Optimistic, Prediction, StartStates, TransitionDataset, Transitions
 from sb3_hucrl.dynamics import Predictor
 from sb3_hucrl.tasks import LearnedTask, PendulumTask
@@ -83,3 +84,15 @@ def test_a_task_that_knows_its_state_moves_what_has_not_moved_yet() -> None:
         Transitions(states, th.zeros(2, 1), states + th.tensor([0.1, 0.0]), th.zeros(2), th.zeros(2, dtype=th.bool))
     )
     assert limits_of(dataset, PendulumTask()).constant is None
+
+
+def test_vec_normalize_goes_by_what_was_really_observed() -> None:
+    env = VecNormalize(imagination_env(max_episode_steps=40))
+    model = small_sac(env).learn(160, callback=small_callback(start_states={"inflated": 1.0}))
+    # The last search began after two of the three real episodes.
+    states = state_of(model).dataset.transitions.states[:80]
+    observed = PendulumTask().observe(states).double().numpy()
+    moments = env.obs_rms
+    assert not isinstance(moments, dict)
+    np.testing.assert_allclose(moments.mean, observed.mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(moments.var, observed.var(axis=0), atol=1e-6)

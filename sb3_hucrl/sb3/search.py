@@ -22,6 +22,7 @@ from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.sb3.running import RunningLearn
+from sb3_hucrl.sb3.standardise import standardise_by
 from sb3_hucrl.wrappers import ImaginationVecEnv
 
 
@@ -67,6 +68,7 @@ class SB3Search:
         self._env.imagine(world, is_training=self._is_training)
         self._plan_in(world)
         self._renew_replay()
+        standardise_by(self._loop.state.dataset, world.task, self.model.get_vec_normalize_env())
         self._restart_trajectories()
 
     def _renew_replay(self) -> None:
