@@ -23,6 +23,9 @@ from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.settings import move_settings
 from sb3_hucrl.zoo.tuning import prepare_trial
 
+#: rl_zoo3's own default, which cannot be told from a user's choice
+DEFAULT_EVAL_FREQ = 25_000
+
 
 def _use_our_hyperparameters(manager: ExperimentManager, algo: str, config: str | None) -> None:
     env_id = str(manager.env_name.gym_id)
@@ -60,6 +63,15 @@ def _prepare_logs(manager: ExperimentManager) -> None:
         callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
 
 
+def _evaluate_on_request(manager: ExperimentManager) -> None:
+    # The default evaluations would take several times the real steps that the run learns from. Trials of a study are
+    # evaluated elsewhere.
+    if _callbacks(manager) and manager.eval_freq == DEFAULT_EVAL_FREQ and not manager.optimize_hyperparameters:
+        manager.eval_freq = -1
+        if manager.verbose > 0:
+            print("HUCRLCallback: no evaluations besides the real episodes; --eval-freq 25600 asks for them")
+
+
 def _extend(name: str, wrap: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
     original = getattr(ExperimentManager, name)
     setattr(ExperimentManager, name, functools.wraps(original)(wrap(original)))
@@ -76,6 +88,7 @@ def _init(original: Callable[..., Any]) -> Callable[..., Any]:
 
 def _create_callbacks(original: Callable[..., Any]) -> Callable[..., Any]:
     def create_callbacks(self: ExperimentManager) -> None:
+        _evaluate_on_request(self)
         original(self)
         _prepare_logs(self)
 
