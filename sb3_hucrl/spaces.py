@@ -39,7 +39,8 @@ def require_vector_observation(observation_space: spaces.Space[Any]) -> spaces.B
     if not isinstance(observation_space, spaces.Box):
         raise ValueError(
             f"the observation space is {observation_space}: a dynamics model needs a vector of floats; "
-            "wrap the environment with gymnasium.wrappers.FlattenObservation, and register that under its own id"
+            "wrap the environment with gymnasium.wrappers.FlattenObservation, and register that under its own id "
+            "(if it has a desired_goal, give task='sb3_hucrl.tasks.GoalTask' with task_kwargs)"
         )
     if len(observation_space.shape) != 1 or not np.issubdtype(observation_space.dtype, np.floating):
         raise ValueError(

@@ -84,9 +84,11 @@ def test_the_quick_start_ends_with_a_learning_curve(tmp_path: Path, monkeypatch:
 
 
 def test_every_extension_is_used() -> None:
-    environment, task, dynamics, exploration, planner, loop = map(run, snippets("extending.md"))
+    environment, task, goal, dynamics, exploration, planner, loop = map(run, snippets("extending.md"))
     assert environment["model"].hucrl.real_episodes >= 3
     assert isinstance(find_task(gym.spec("Parking-v0"), observation_dim=3), task["ParkingTask"])
+    assert goal["model"].hucrl.real_episodes == 3
+    assert goal["model"].hucrl.dataset.state_dim == 4
     linear = dynamics["model"].hucrl.dynamics
     assert isinstance(linear, dynamics["LinearModel"])
     sample = linear.sample_posterior(th.Generator().manual_seed(0), num_samples=3)

@@ -5,6 +5,7 @@ from sb3_hucrl.tasks.arithmetic import tolerance
 from sb3_hucrl.tasks.base import Task
 from sb3_hucrl.tasks.cartpole import CartPoleTask
 from sb3_hucrl.tasks.check import check_task
+from sb3_hucrl.tasks.goals import GoalTask
 from sb3_hucrl.tasks.gymnasium_classic import GymnasiumPendulumTask, MountainCarTask
 from sb3_hucrl.tasks.gymnasium_mujoco import (
     GymnasiumPusherTask,
@@ -23,6 +24,7 @@ __all__ = [
     "TASKS",
     "AngleTask",
     "CartPoleTask",
+    "GoalTask",
     "GymnasiumPendulumTask",
     "GymnasiumPusherTask",
     "GymnasiumReacherTask",
