@@ -53,9 +53,9 @@ class HBPTT(SAC):
     :param env: wrapped in an ImaginationVecEnv
     :param horizon: N
     :param kl_weight: λ, weight of the divergence from the last policy at each step, per nat; 0 for none
-    :param policy_delay: gradient steps of the critics for one of the policy, which takes many times as long
+    :param policy_delay: gradient steps of the critics for each one of the policy, which takes many times as long
     :param max_grad_norm: bound on the norm of the policy's gradient
-    :param kwargs: of SAC
+    :param kwargs: further arguments of SAC
     :raises ValueError: if a number is out of its range, or with gSDE
     """
 

@@ -24,8 +24,8 @@ from sb3_hucrl.algorithms.mpo_loss import MPOLoss
 
 class MPO(OffPolicyAlgorithm):
     """
-    MPO (Abdolmaleki et al. 2018): actions of the old policy are weighted by what the critic says of them (E-step), and
-    the new policy is fitted to them within a trust region (M-step). Works on any environment with continuous actions.
+    MPO (Abdolmaleki et al. 2018): actions of the old policy are weighted by their values (E-step), and the new policy
+    is fitted to them within a trust region (M-step). Works on any environment with continuous actions.
 
     :param policy: ``"MlpPolicy"``
     :param env: with continuous actions
@@ -33,19 +33,19 @@ class MPO(OffPolicyAlgorithm):
     :param buffer_size: of the replay buffer
     :param learning_starts: steps before the first gradient step
     :param batch_size: transitions per gradient step
-    :param tau: share of the critics that their targets take over at each gradient step
+    :param tau: soft update coefficient of the target critics
     :param gamma: discount
     :param train_freq: steps between trainings
     :param gradient_steps: per training
     :param replay_buffer_class: by default SB3's own
     :param replay_buffer_kwargs: its arguments
-    :param n_steps: of the transitions that are replayed
+    :param n_steps: of n-step returns in the replay buffer
     :param num_samples: K, actions per state in the E-step and in the critics' targets
-    :param epsilon: bound of the E-step, in nats
+    :param epsilon: bound on the KL divergence of the E-step, in nats
     :param epsilon_mean: bound of the M-step on the KL divergence through the mean, in nats
     :param epsilon_std: the same through the standard deviation
     :param dual_learning_rate: of temperature and multipliers
-    :param policy_interval: gradient steps after which the new policy takes the old one's place
+    :param policy_interval: gradient steps after which the new policy replaces the old one
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param stats_window_size: as in all of SB3's algorithms
     :param tensorboard_log: folder for TensorBoard
@@ -157,14 +157,14 @@ class MPO(OffPolicyAlgorithm):
 
     @th.no_grad()
     def _targets(self, data: ReplayBufferSamples) -> th.Tensor:
-        """What the critics shall predict of B transitions, shape (B, 1)."""
+        """Target values of the critics for B transitions, shape (B, 1)."""
         discounts = self.gamma if data.discounts is None else data.discounts
         next_values = self._sample_values(data.next_observations)[2].mean(dim=0).unsqueeze(1)
         return data.rewards + (1 - data.dones) * discounts * next_values
 
     @th.no_grad()
     def _sample_values(self, observations: th.Tensor) -> tuple[Normal, th.Tensor, th.Tensor]:
-        """The old policy in each of B states, K actions that it draws, shape (K, B, d), and their Q, shape (K, B)."""
+        """The old policy in each of B states, K actions drawn from it, shape (K, B, d), and their Q, shape (K, B)."""
         old = self.policy.actor_target.distribution(observations)
         actions = old.sample(th.Size([self.num_samples]))
         repeated = observations.expand(self.num_samples, *observations.shape).flatten(0, 1)

@@ -1,4 +1,4 @@
-"""E-step and M-step of MPO (Abdolmaleki et al. 2018) as losses of a batch."""
+"""Losses of the E-step and M-step of MPO (Abdolmaleki et al. 2018) on a batch."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from torch import nn
 from torch.distributions import Normal
 from torch.nn.functional import softplus
 
-#: keeps multipliers above 0, where they would stop learning
+#: lower bound of the dual variables, whose gradient vanishes at 0
 SMALLEST = 1e-8
 
 
 @dataclass(frozen=True)
 class MPOTerms:
     """
-    What a batch says.
+    Losses and KL divergences of a batch.
 
-    :param policy_loss: weighted negative log-likelihood and the price of both KL divergences, to be minimised
+    :param policy_loss: weighted negative log-likelihood plus the penalties on both KL divergences, to be minimised
     :param dual_loss: of the temperature and the two multipliers, to be minimised
     :param kl_mean: KL divergence of the new policy through its mean alone, averaged over states
     :param kl_std: the same through its standard deviation alone
@@ -32,7 +32,8 @@ class MPOTerms:
 
 def temperature_dual(values: th.Tensor, temperature: th.Tensor, epsilon: float) -> th.Tensor:
     """
-    g(η) = η ε + η E_s[log E_a exp(Q(s, a) / η)], whose minimum makes the E-step's policy deviate by ε on average.
+    g(η) = η ε + η E_s[log E_a exp(Q(s, a) / η)], at whose minimum the E-step's policy deviates by ε
+    on average.
 
     :param values: Q of K actions in each of B states, shape (K, B)
     :param temperature: η
@@ -44,7 +45,7 @@ def temperature_dual(values: th.Tensor, temperature: th.Tensor, epsilon: float) 
 
 def split_kl(old: Normal, new: Normal) -> tuple[th.Tensor, th.Tensor]:
     """
-    KL(old ‖ new), once with only the mean new, and once with only the standard deviation.
+    KL(old ‖ new) in two parts: of a policy with only the new mean, and of one with only the new standard deviation.
 
     :param old: diagonal Gaussians, shape (B, d)
     :param new: shape (B, d)
@@ -60,7 +61,7 @@ class MPOLoss(nn.Module):
     """
     The three dual variables of MPO, and the losses in which they appear.
 
-    :param epsilon: bound of the E-step: how far the weights may deviate from the old policy, in nats
+    :param epsilon: bound on the KL divergence of the E-step's policy from the old one, in nats
     :param epsilon_mean: bound of the M-step on the KL divergence through the mean
     :param epsilon_std: the same through the standard deviation
     :raises ValueError: if a bound is not positive
@@ -84,7 +85,7 @@ class MPOLoss(nn.Module):
 
     @property
     def multipliers(self) -> th.Tensor:
-        """Prices of the two KL divergences of the M-step, positive, shape (2,)."""
+        """Lagrange multipliers of the two KL bounds of the M-step, positive, shape (2,)."""
         return softplus(self._multipliers) + SMALLEST
 
     def forward(self, old: Normal, new: Normal, actions: th.Tensor, values: th.Tensor) -> MPOTerms:
@@ -96,7 +97,8 @@ class MPOLoss(nn.Module):
         """
         temperature, (price_mean, price_std) = self.temperature, self.multipliers
         weights = (values / temperature.detach()).softmax(dim=0)
-        # Decoupled: each is learned with the old one of the other, so that a better mean does not shrink the noise.
+        # Decoupled: the mean is learned with the old standard deviation and the other way round, so that a better mean
+        # does not shrink the noise.
         by_mean = Normal(new.mean, old.stddev).log_prob(actions).sum(dim=2)
         by_std = Normal(old.mean, new.stddev).log_prob(actions).sum(dim=2)
         likelihood = (weights * (by_mean + by_std)).sum(dim=0).mean()

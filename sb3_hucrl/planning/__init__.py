@@ -1,4 +1,4 @@
-"""Planning online: appendices C.2 and C.3."""
+"""Planning at every real step: H-MPC (appendix C.2) and Dyna-MPC (appendix C.3)."""
 
 from sb3_hucrl.planning.base import Objective, Particles, Plan, Planner, ShootingPlanner
 from sb3_hucrl.planning.cem import CEM

@@ -1,4 +1,4 @@
-"""Planners, and what those that sample have in common (Algorithm 6)."""
+"""The base class of all planners, and that of planners by sampling (Algorithm 6)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Objective = Callable[[th.Tensor], th.Tensor]
 @dataclass(frozen=True)
 class Particles:
     """
-    Action sequences and what they return, for B environments.
+    Action sequences and their imagined returns, for B environments.
 
     :param actions: shape (B, n, N, d)
     :param returns: shape (B, n)
@@ -35,7 +35,7 @@ class Plan:
 
     :param actions: shape (B, N, d)
     :param returns: shape (B,)
-    :param proposal: what the search ended with, to begin the next one
+    :param proposal: with which the search ended; the next search begins with it
     """
 
     actions: th.Tensor
@@ -44,7 +44,7 @@ class Plan:
 
 
 class Planner(ABC):
-    """Maximises the return of what happens in the next N steps, for B environments at once."""
+    """Maximises the return of the next N steps, for B environments at once."""
 
     @abstractmethod
     def plan(
@@ -62,13 +62,13 @@ class Planner(ABC):
 
 class ShootingPlanner(Planner):
     """
-    Hallucinated shooting (Algorithm 6): sample action sequences, keep the elites, move the proposal to them.
+    Hallucinated shooting (Algorithm 6): sample action sequences, and move the proposal to the best of them (elites).
 
     :param num_particles: sequences per environment and iteration
     :param num_iterations: updates of the proposal
-    :param num_elites: how many of the best sequences the update sees
-    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent: 0 is white, which cancels
-        out over many short steps, and 2 moves far
+    :param num_elites: number of the best sequences that the update uses
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white noise, which
+        cancels out over many short steps, 2 explores further
     :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
@@ -95,7 +95,7 @@ class ShootingPlanner(Planner):
         :param proposal: d(·)
         :param iteration: from 0
         :param generator: draws, on the proposal's device
-        :return: action sequences that may exceed their bounds, those worth trying again among them, shape (B, n, N, d)
+        :return: action sequences, which may exceed the bounds, with those kept from before, shape (B, n, N, d)
         """
         particles = proposal.perturbed(self.num_particles, self.noise_exponent, generator)
         return particles if proposal.kept is None else th.cat([particles, proposal.kept], dim=1)
@@ -104,7 +104,7 @@ class ShootingPlanner(Planner):
         """
         EliteActions of Algorithm 6.
 
-        :param particles: all of this iteration
+        :param particles: all particles of this iteration
         :return: those with the highest returns, the best first
         """
         returns, indices = particles.returns.topk(self.num_elites, dim=1)
@@ -115,9 +115,9 @@ class ShootingPlanner(Planner):
         """
         UpdateDistribution of Algorithm 6.
 
-        :param proposal: which the particles were drawn from
+        :param proposal: from which the particles were drawn
         :param elites: the best of them
-        :return: from which the next are drawn
+        :return: the proposal of the next iteration
         """
 
     @th.inference_mode()

@@ -12,9 +12,9 @@ class CEM(ShootingPlanner):
 
     :param num_particles: sequences per environment and iteration
     :param num_iterations: updates of the proposal
-    :param num_elites: how many of the best sequences the update sees, at least 2
-    :param smoothing: share of the old proposal in the new one, in [0, 1)
-    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
+    :param num_elites: number of the best sequences that the update uses, at least 2
+    :param smoothing: weight of the old proposal in the new one, in [0, 1)
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white noise
     :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
@@ -30,7 +30,7 @@ class CEM(ShootingPlanner):
         if num_elites < 2:
             raise ValueError(f"num_elites is {num_elites}: the standard deviation of elites needs 2 or more")
         if not 0 <= smoothing < 1:
-            raise ValueError(f"smoothing is {smoothing}: give a share of at least 0 and below 1")
+            raise ValueError(f"smoothing is {smoothing}: give a number of at least 0 and below 1")
         self.smoothing = smoothing
 
     def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:

@@ -1,4 +1,4 @@
-"""Derivatives of one step of a planning problem, for planners that use its structure."""
+"""Derivatives of one step of a planning problem, for iLQR."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def jacobian(outputs: th.Tensor, inputs: Sequence[th.Tensor]) -> list[th.Tensor]
     """
     :param outputs: shape (M, y), each row of which depends on the same row of the inputs
     :param inputs: each of shape (M, z)
-    :return: one for each input, shape (M, y, z); zeros where nothing depends on it
+    :return: one Jacobian for each input, shape (M, y, z); zeros where the outputs do not depend on it
     """
     rows, width = outputs.shape
     if not outputs.requires_grad:
@@ -50,10 +50,10 @@ def jacobian(outputs: th.Tensor, inputs: Sequence[th.Tensor]) -> list[th.Tensor]
 @th.enable_grad()
 def expand_step(problem: PlanningProblem, state: th.Tensor, value: th.Tensor) -> tuple[th.Tensor, Quadratic]:
     """
-    Next state and reward around M points (s, x), without noise. Second derivatives of the dynamics are left out, which
-    is what tells iLQR from DDP (Li and Todorov 2004); those of the reward are not.
+    Expansion of next state and reward around M points (s, x), without noise: to first order for the dynamics, which
+    distinguishes iLQR from DDP (Li and Todorov 2004), and to second order for the reward.
 
-    :param problem: what is planned
+    :param problem: the planning problem
     :param state: s, shape (M, p + c)
     :param value: x, decision variables, shape (M, k)
     :return: the Jacobian of the next state, shape (M, p + c, p + c + k), and the reward's expansion
@@ -94,7 +94,7 @@ def expand_step(problem: PlanningProblem, state: th.Tensor, value: th.Tensor) ->
 @th.enable_grad()
 def expand_terminal(problem: PlanningProblem, state: th.Tensor) -> Quadratic:
     """
-    :param problem: what is planned
+    :param problem: the planning problem
     :param state: s_N, shape (M, p + c)
     :return: expansion of the terminal value
     """

@@ -15,16 +15,16 @@ class ICEM(CEM):
     """
     Improved cross-entropy method (Pinneri et al. 2020), which needs a fraction of CEM's particles.
 
-    Its noise is correlated in time, some elites are tried again in the next iteration and at the next real step, later
-    iterations have fewer particles, and the last one tries the proposal's mean.
+    Its noise is correlated in time. Some elites are kept for the next iteration and the next real step. Later
+    iterations have fewer particles. The last iteration also tries the proposal's mean.
 
     :param num_particles: sequences per environment in the first iteration
     :param num_iterations: updates of the proposal
-    :param num_elites: how many of the best sequences the update sees, at least 2
-    :param smoothing: share of the old proposal in the new one, in [0, 1)
-    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
-    :param decay: each iteration has this many times fewer particles than the one before, and at least twice the elites
-    :param kept_fraction: share of the elites that are tried again, in [0, 1]
+    :param num_elites: number of the best sequences that the update uses, at least 2
+    :param smoothing: weight of the old proposal in the new one, in [0, 1)
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white noise
+    :param decay: the number of particles is divided by it in each iteration, down to twice the number of elites
+    :param kept_fraction: fraction of the elites that are kept, in [0, 1]
     :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
@@ -41,7 +41,7 @@ class ICEM(CEM):
         super().__init__(num_particles, num_iterations, num_elites, smoothing, noise_exponent)
         if not decay >= 1 or not 0 <= kept_fraction <= 1:
             raise ValueError(
-                f"decay is {decay}, kept_fraction {kept_fraction}: give 1 or more, and a share between 0 and 1"
+                f"decay is {decay}, kept_fraction {kept_fraction}: give 1 or more, and a fraction between 0 and 1"
             )
         self.decay = decay
         self.kept_fraction = kept_fraction

@@ -12,11 +12,11 @@ from sb3_hucrl.planning.derivatives import Quadratic, expand_step, expand_termin
 from sb3_hucrl.planning.problem import ImaginedReturns, PlanningProblem
 from sb3_hucrl.planning.proposal import Bounds, Proposal
 
-#: lengths of the step that are tried, all at once
+#: step sizes of the line search, all tried at once
 STEP_SIZES = 0.5 ** th.arange(8)
-#: of the noise with which starts are drawn: slow enough to lead somewhere
+#: of the noise of the random starts: white noise would cancel out over many short steps
 NOISE_EXPONENT = 2.0
-#: what a failed step multiplies the regularisation by, and a good one divides it by
+#: the regularisation is multiplied by it after a failed step, and divided by it after a good one
 REGULARISATION_FACTOR = 10.0
 MIN_REGULARISATION, MAX_REGULARISATION = 1e-8, 1e8
 
@@ -24,7 +24,7 @@ MIN_REGULARISATION, MAX_REGULARISATION = 1e-8, 1e8
 @dataclass(frozen=True)
 class Feedback:
     """
-    x_n = x̄_n + α k_n + K_n (s_n - s̄_n).
+    A linear feedback law: x_n = x̄_n + α k_n + K_n (s_n - s̄_n).
 
     :param offsets: k_n for n from 0, each of shape (B, k)
     :param gains: K_n, each of shape (B, k, p + c)
@@ -37,14 +37,14 @@ class Feedback:
 class ILQR(Planner):
     """
     Iterative linear-quadratic regulator (Li and Todorov 2004; appendix C.2) with limits on the actions (Tassa et al.
-    2014). Plans without noise, and needs derivatives of dynamics and reward.
+    2014). It plans without noise and needs derivatives of dynamics and reward.
 
-    It climbs to the next local optimum, and where a reward is flat it stays. So it begins with the best of some random
-    sequences, that the proposal's mean and the last plan compete with.
+    It finds a local optimum, and does not move where the reward is flat. So it starts from the best of several random
+    sequences and the proposal's mean, which is the last plan if there is one.
 
-    :param num_iterations: of improving the plan
+    :param num_iterations: improvements of the plan
     :param num_particles: random sequences per environment, 0 for none
-    :param regularisation: of the first iteration, in units of the return's second derivative
+    :param regularisation: in the first iteration, in units of the return's second derivative
     :raises ValueError: if a number is out of its range
     """
 
@@ -98,11 +98,11 @@ class ILQR(Planner):
 
 
 def _improve(problem: PlanningProblem, rollout: Rollout, bounds: Bounds, regularisation: th.Tensor) -> Feedback:
-    """The backward pass: the regulator of the problem's expansion around a rollout, B at once."""
+    """The backward pass: optimal feedback for the problem's expansion around a rollout, for B environments at once."""
     num_envs, width = rollout.states[0].shape
     horizon = len(rollout.choices)
     dynamics, rewards = expand_step(problem, th.cat(rollout.states[:-1]), th.cat(rollout.choices))
-    # Terms that curve upwards have no maximum: iLQR does as if they were flat.
+    # Directions of positive curvature have no maximum: iLQR treats them as flat.
     rewards = rewards.concave()
     by_step = (horizon, num_envs)
     f = dynamics.unflatten(0, by_step)
@@ -133,14 +133,14 @@ def _box_step(
     hessian: th.Tensor, gradient: th.Tensor, cross: th.Tensor, low: th.Tensor, high: th.Tensor
 ) -> tuple[th.Tensor, th.Tensor]:
     """
-    Maximise gᵀk + ½ kᵀHk within limits: what leaves them is fixed there, and the rest is solved again.
+    Maximise gᵀk + ½ kᵀHk within limits: dimensions that exceed a limit are fixed there, and the others solved again.
 
     :param hessian: H, negative definite, shape (B, k, k)
     :param gradient: g, shape (B, k)
     :param cross: derivative of g by the state, shape (B, k, p + c)
     :param low: shape (B, k)
     :param high: shape (B, k)
-    :return: k, and its derivative by the state, which is 0 for what is fixed
+    :return: k, and its derivative by the state, which is 0 for fixed dimensions
     """
     free = th.ones_like(gradient, dtype=th.bool)
     offset = th.zeros_like(gradient)
@@ -161,7 +161,7 @@ def _box_step(
 
 @th.no_grad()
 def _search_line(problem: PlanningProblem, rollout: Rollout, feedback: Feedback, bounds: Bounds) -> Rollout:
-    """The forward pass: all sizes of the step at once, the best of which is returned."""
+    """The forward pass: tries all step sizes at once and returns the best trajectory."""
     num_envs, num_sizes = len(rollout.returns), len(STEP_SIZES)
     sizes = STEP_SIZES.to(rollout.returns).repeat(num_envs).unsqueeze(1)
 

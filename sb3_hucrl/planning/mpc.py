@@ -1,4 +1,4 @@
-"""Model-predictive control: plan, act for one step, plan again."""
+"""Model-predictive control: plan, take one step, plan again."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class MPCPolicy:
     H-MPC (appendix C.2) and Dyna-MPC (appendix C.3): plan true and hallucinated actions for the next N steps, take the
     first of them, and plan again.
 
-    Has the ``predict`` of an SB3 policy, so that ``evaluate_policy`` can play it. The ``state`` that goes in and out
-    there is the planner's proposal, from which the next step's search starts.
+    It has the ``predict`` method of an SB3 policy, so ``evaluate_policy`` accepts it. The ``state`` that ``predict``
+    takes and returns is the planner's proposal, with which the next step's search starts.
 
-    :param problem: what is planned; its decision variables distinguish H-MPC from Dyna-MPC
+    :param problem: the planning problem; its decision variables distinguish H-MPC from Dyna-MPC
     :param planner: solves the problem
     :param seed: of the planner's and the world's randomness
     """

@@ -10,15 +10,16 @@ from sb3_hucrl.planning.proposal import Proposal
 
 class MPPI(ShootingPlanner):
     """
-    Model-predictive path integral control (Williams et al. 2016): the next mean weighs every sequence by exp(J / λ).
+    Model-predictive path integral control (Williams et al. 2016): the next mean is the mean of all sequences, weighted
+    by exp(J / λ), where J is the return.
 
-    The standard deviation stays. Sequences are clipped to the bounds before they are averaged, so the mean keeps some
-    distance from them.
+    The standard deviation is constant. Sequences are clipped to the bounds before they are averaged, so the mean does
+    not reach the bounds.
 
     :param num_particles: sequences per environment and iteration
     :param num_iterations: updates of the proposal
-    :param temperature: λ, in units of the return: the lower, the fewer sequences count
-    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
+    :param temperature: λ, in units of the return; with a small one only the best sequences count
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white noise
     :raises ValueError: if a number is out of its range, or the temperature not positive
     """
 

@@ -14,26 +14,26 @@ def colored_noise(
 
     :param shape: of the noise
     :param exponent: 0 is white, 1 pink, 2 red
-    :param like: of the wanted device and dtype
-    :param generator: draws, on that device
-    :return: of the given shape
+    :param like: a tensor with the device and dtype of the noise
+    :param generator: draws the noise, on that device
+    :return: noise of the given shape
     """
     length = shape[-1]
     if exponent == 0 or length == 1:
         return th.randn(shape, generator=generator, device=like.device, dtype=like.dtype)
     frequency = th.fft.rfftfreq(length, device=like.device, dtype=like.dtype)
-    # Below the lowest frequency that fits there is only the mean: it gets that frequency's power.
+    # Frequency 0 is the mean, where f^-exponent is infinite: it gets the power of the lowest other frequency.
     frequency[0] = 1 / length
     amplitude = frequency ** (-exponent / 2)
     real, imaginary = th.randn(
         (2, *shape[:-1], len(frequency)), generator=generator, device=like.device, dtype=like.dtype
     )
-    # A real signal has no phase at frequency 0, nor at the highest of an even length: all power is real.
+    # A real signal has no phase at frequency 0, nor at the highest of an even length: there all power is real.
     no_phase = th.zeros(len(frequency), dtype=th.bool, device=like.device)
     no_phase[0] = True
     no_phase[-1] |= length % 2 == 0
     real, imaginary = real * th.where(no_phase, 2**0.5, 1.0), imaginary * ~no_phase
-    # Each frequency but those counts twice, once for its negative.
+    # All other frequencies count twice, once for their negative.
     power = (amplitude.square() * th.where(no_phase, 1.0, 2.0)).sum() * 2
     noise: th.Tensor = th.fft.irfft(th.complex(real, imaginary) * amplitude, n=length, norm="forward") / power.sqrt()
     return noise

@@ -1,4 +1,4 @@
-"""What planning around a policy asks of that policy."""
+"""The interface of a policy that plans are made around."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class PlannedPolicy(Protocol):
 
     @property
     def gamma(self) -> float:
-        """The discount that the critic was trained with; 1 where there is none."""
+        """The discount that the critic was trained with; 1 without a critic."""
 
     def act(self, observation: th.Tensor) -> th.Tensor:
         """
@@ -32,13 +32,13 @@ class PlannedPolicy(Protocol):
         """
         The modes of B policies in one batched call.
 
-        :param parameters: of each, by name, shape (B, shape of the parameter)
-        :param observation: of each, shape (B, observation dimension)
+        :param parameters: of each policy, by name, shape (B, shape of the parameter)
+        :param observation: of each policy, shape (B, observation dimension)
         :return: (a, a′), within their bounds, shape (B, q + h)
         """
 
     def value(self) -> Callable[[th.Tensor], th.Tensor]:
         """
-        :return: the critic's V of observations: (B, observation dimension) to (B,)
+        :return: the critic's value function V, which maps observations (B, observation dimension) to (B,)
         :raises ValueError: if there is no critic
         """

@@ -1,4 +1,4 @@
-"""Decision variables of Dyna-MPC and POPLIN: changes to a policy. No change is always among the candidates."""
+"""Decision variables of Dyna-MPC and POPLIN: changes to a policy. The unchanged policy is always a candidate."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from sb3_hucrl.planning.proposal import Bounds, Proposal
 from sb3_hucrl.planning.variables import DecisionVariables
 from sb3_hucrl.tasks.base import Task
 
-#: how many of its standard deviations a policy parameter may be changed by
+#: largest change of a policy parameter, in standard deviations of the search's first changes
 REACH = 5.0
 
 
 class PolicyNoise(DecisionVariables):
     """
-    What is added to a policy's actions: (a_n, a′_n) = (π, η)(s_n) + x_n (Algorithm 7, and POPLIN-A of Wang and Ba
+    Noise that is added to a policy's actions: (a_n, a′_n) = (π, η)(s_n) + x_n (Algorithm 7, and POPLIN-A of Wang and Ba
     2019).
 
     :param horizon: N
     :param bounds: of (a, a′)
     :param policy: (π, η)
     :param task: maps states to observations
-    :param std: of the noise that the search begins with, as a share of the actions' range
+    :param std: of the noise at the start of the search, as a fraction of the actions' range
     :raises ValueError: if the horizon is below 1 or the standard deviation not positive
     """
 
@@ -37,7 +37,7 @@ class PolicyNoise(DecisionVariables):
         self._policy, self._task, self._actions = policy, task, bounds
 
     def shifted(self, proposal: Proposal) -> Proposal:
-        # The last plan's improvement on the policy holds for the state that it was made in.
+        # The last plan's changes were made for the last state, so the search begins afresh.
         return self.fresh(len(proposal.mean))
 
     def action(self, value: th.Tensor, state: th.Tensor) -> th.Tensor:
@@ -46,13 +46,13 @@ class PolicyNoise(DecisionVariables):
 
 class PolicyParameters(DecisionVariables):
     """
-    What is added to a policy's parameters, for the whole plan: (a_n, a′_n) = (π, η)(s_n; θ + x) (POPLIN-P of Wang and
-    Ba 2019, with the same x at every step).
+    Changes that are added to a policy's parameters for the whole plan: (a_n, a′_n) = (π, η)(s_n; θ + x) (POPLIN-P of
+    Wang and Ba 2019, with the same x at every step).
 
     :param horizon: N
     :param policy: (π, η), with parameters θ
     :param task: maps states to observations
-    :param std: of the changes that the search begins with, in units of the parameters
+    :param std: of the changes at the start of the search, in units of the parameters
     :raises ValueError: if the horizon is below 1 or the standard deviation not positive
     """
 

@@ -1,4 +1,4 @@
-"""What planners maximise: the return of a plan in imagination."""
+"""The objective of planners: the imagined return of a plan."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class PlanningProblem:
     :param world: in which plans are tried
     :param variables: the decision variables, and the horizon N
     :param gamma: γ
-    :param terminal_value: V; without it, what follows the horizon counts nothing
+    :param terminal_value: V; without it, rewards after the horizon are ignored
     :param rollouts: number of trajectories over which the return of a plan is averaged; they differ in their noise and,
-        where the world has several posterior samples, in these
+        if the world has several posterior samples, in their sample
     :raises ValueError: if γ is outside (0, 1], or ``rollouts`` is below 1
     """
 
@@ -62,8 +62,8 @@ class ImaginedReturns:
     """
     J of Algorithm 6: all particles of all environments in one batch.
 
-    :param problem: to be solved
-    :param states: where plans begin, one for each of B environments, shape (B, p + c)
+    :param problem: the planning problem
+    :param states: first states of the plans, one for each of B environments, shape (B, p + c)
     :param generator: draws the noise, on the world's device
     :raises ValueError: if the states have the wrong width
     """
@@ -80,7 +80,7 @@ class ImaginedReturns:
         """
         :param values: of the decision variables, n plans for each environment, shape (B, n, T, k); T is N, or 1 where
             one vector serves for all steps
-        :return: shape (B, n)
+        :return: returns, shape (B, n)
         """
         num_envs, n, length, _ = values.shape
         rollouts = self.problem.rollouts

@@ -1,4 +1,4 @@
-"""What planners search: bounded vectors, and the distribution that they are drawn from."""
+"""Bounds of the decision variables, and the distribution from which planners draw them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sb3_hucrl.planning.noise import colored_noise
 @dataclass(frozen=True)
 class Bounds:
     """
-    Limits of what is planned, such as an action with its hallucinated part in [-1, 1].
+    Limits of the decision variables, such as of an action (a, a′) with a′ in [-1, 1].
 
     :param low: shape (d,)
     :param high: shape (d,)
@@ -30,23 +30,23 @@ class Bounds:
             )
 
     def clip(self, actions: th.Tensor) -> th.Tensor:
-        """The nearest actions within the limits, shape of ``actions`` (..., d)."""
+        """The nearest actions within the limits; ``actions`` and result have shape (..., d)."""
         return actions.clamp(self.low, self.high)
 
     def unscaled(self, actions: th.Tensor) -> th.Tensor:
-        """What actions in [-1, 1], as SB3's off-policy algorithms have them, are within the limits, shape (..., d)."""
+        """Actions in [-1, 1], as in SB3's off-policy algorithms, scaled to the limits, shape (..., d)."""
         return self.low + 0.5 * (actions + 1) * (self.high - self.low)
 
 
 @dataclass(frozen=True)
 class Proposal:
     """
-    d(·) of Algorithm 6: Gaussians over the action sequences of B environments, or over whatever else is planned,
-    independent by dimension.
+    d(·) of Algorithm 6: independent Gaussians over the action sequences, or other decision variables, of B
+    environments.
 
     :param mean: shape (B, N, d)
     :param std: shape (B, N, d)
-    :param kept: sequences worth trying again, shape (B, k, N, d); None for none
+    :param kept: sequences to try again, shape (B, k, N, d); None for none
     """
 
     mean: th.Tensor
@@ -54,7 +54,7 @@ class Proposal:
     kept: th.Tensor | None = None
 
     def expanded(self, num_envs: int) -> Proposal:
-        """The same for each of ``num_envs`` environments, from a proposal for one."""
+        """This proposal, made for one environment, repeated for ``num_envs``."""
         kept = self.kept
         return Proposal(
             mean=self.mean.expand(num_envs, -1, -1),
@@ -66,7 +66,7 @@ class Proposal:
         """
         :param n: sequences for each environment
         :param noise_exponent: colour of the noise, see :func:`sb3_hucrl.planning.noise.colored_noise`
-        :param generator: draws, on the proposal's device
+        :param generator: draws the noise, on the proposal's device
         :return: mean + std · noise, shape (B, n, N, d)
         """
         num_envs, horizon, dim = self.mean.shape
@@ -76,7 +76,8 @@ class Proposal:
     def restarted(self, begun: th.Tensor, fresh: Proposal) -> Proposal:
         """
         :param begun: environments whose episode has just begun, shape (B,)
-        :param fresh: takes their place
+        :param fresh: proposal for these environments
+        :return: the proposal with these environments replaced
         """
         rows = begun[:, None, None]
         kept = self.kept
@@ -86,7 +87,7 @@ class Proposal:
 
     def shifted(self, fresh: Proposal) -> Proposal:
         """
-        The proposal for the next real step: what was planned for it comes first, the last step begins anew.
+        The proposal for the next real step: the plan without its first step, and a fresh last step.
 
         :param fresh: gives the mean of the last step, and all standard deviations
         """

@@ -8,10 +8,10 @@ from sb3_hucrl.planning.proposal import Proposal
 
 class RandomShooting(ShootingPlanner):
     """
-    The best of many independent action sequences (Richards and How 2006); the proposal stays as it is.
+    The best of many independent action sequences (Richards and How 2006); the proposal does not change.
 
     :param num_particles: sequences per environment
-    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white
+    :param noise_exponent: the noise's power falls with its frequency f as f^-noise_exponent; 0 is white noise
     :raises ValueError: if a number is out of its range
     """
 

@@ -1,4 +1,4 @@
-"""Settings of planning online, and how they become a policy that plans."""
+"""Settings of planning, which build the policy that plans."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sb3_hucrl.planning.variables import ActionSequence, DecisionVariables
 
 class PlanningSettings(ABC):
     """
-    What is planned at every real step, and how.
+    Settings of the planning at every real step.
 
     :param rollouts: number of trajectories over which the return of a plan is averaged
     """
@@ -28,15 +28,16 @@ class PlanningSettings(ABC):
 
     @property
     def needs_policy(self) -> bool:
-        """Whether plans are changes to a policy, which then plays itself in episodes that explore."""
+        """Whether plans are changes to a policy. Real episodes that sample the policy are then not planned."""
         return False
 
     @abstractmethod
     def build(self, world: World, policy: PlannedPolicy | None, seed: int) -> MPCPolicy:
         """
-        :param world: in which plans are tried
+        :param world: in which plans are made
         :param policy: to plan around; None where :attr:`needs_policy` is False
         :param seed: of all randomness
+        :return: the policy that plans
         :raises ValueError: if these do not fit together
         """
 
@@ -127,8 +128,8 @@ def planning_settings(
     :param planner: of H-MPC
     :param planner_kwargs: arguments of :class:`HMPCSettings`
     :param dyna_mpc: arguments of :class:`DynaMPCSettings`
-    :return: None if nothing is planned
-    :raises ValueError: if both are given, or what is given is wrong
+    :return: the settings, or None without planning
+    :raises ValueError: if both are given, or an argument is wrong
     """
     if dyna_mpc is not None:
         if planner is not None:

@@ -1,4 +1,4 @@
-"""What a planner decides on: actions, or changes to a policy."""
+"""Decision variables of planners: actions, or changes to a policy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sb3_hucrl.planning.proposal import Bounds, Proposal
 
 class DecisionVariables(ABC):
     """
-    Vectors x_n of k numbers that a planner searches and that turn states into actions: one for each of N steps, or a
+    Vectors x_n of k numbers that a planner optimises, and from which actions follow: one for each of N steps, or a
     single one for all of them.
 
     :param horizon: N, steps that are planned ahead
     :param bounds: of each vector
-    :param fresh: where a search without a past begins, for a single environment
+    :param fresh: proposal of a search without an earlier plan, for a single environment
     :raises ValueError: if the horizon is below 1
     """
 
@@ -28,14 +28,14 @@ class DecisionVariables(ABC):
     def fresh(self, num_envs: int) -> Proposal:
         """
         :param num_envs: B
-        :return: where a search begins if nothing was planned before
+        :return: the proposal with which a search without an earlier plan begins
         """
         return self._fresh.expanded(num_envs)
 
     def shifted(self, proposal: Proposal) -> Proposal:
         """
-        :param proposal: that a plan ended with, for B environments
-        :return: where the next real step's search begins: what was planned for that step comes first
+        :param proposal: with which the last search ended, for B environments
+        :return: the proposal for the next real step, whose first step is the plan for that step
         """
         return proposal.shifted(self.fresh(len(proposal.mean)))
 
@@ -52,7 +52,7 @@ class ActionSequence(DecisionVariables):
     """
     The actions themselves (Algorithm 6): (a_n, a′_n) = x_n.
 
-    The search begins centred, with a standard deviation of a quarter of the range (as in PETS, Chua et al. 2018).
+    The first proposal is centred, with a standard deviation of a quarter of the range (as in PETS, Chua et al. 2018).
 
     :param horizon: N
     :param bounds: of (a, a′)

@@ -16,19 +16,19 @@ OUR_ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"hmpc": HMPC, "mpo": MPO, "hmp
 
 
 def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
-    """H-MPC is all in the callback, whose settings are tuned with every algorithm."""
+    """H-MPC has no hyperparameters of its own; the callback's settings are tuned with every algorithm."""
     return {}
 
 
 def nothing_to_convert(sampled_params: dict[str, Any]) -> dict[str, Any]:
-    """Only the callback's settings are in there."""
+    """The sampled parameters of H-MPC are only the callback's settings."""
     return dict(sampled_params)
 
 
 def with_sac_params(more: Callable[[optuna.Trial], dict[str, Any]]) -> Callable[..., dict[str, Any]]:
     """
-    :param more: draws an algorithm's own hyperparameters
-    :return: draws them and those of SAC, which all our policy searches share
+    :param more: samples an algorithm's own hyperparameters
+    :return: a sampler of these and of SAC's hyperparameters, which all algorithms of this package share
     """
 
     def sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def with_sac_params(more: Callable[[optuna.Trial], dict[str, Any]]) -> Callable[
 
 
 def sample_mpo_params(trial: optuna.Trial) -> dict[str, Any]:
-    """MPO's trust region."""
+    """Samples MPO's trust region."""
     return {
         "epsilon": trial.suggest_float("epsilon", 0.03, 1.0, log=True),
         "epsilon_mean": trial.suggest_float("epsilon_mean", 1e-3, 0.3, log=True),
@@ -49,7 +49,7 @@ def sample_mpo_params(trial: optuna.Trial) -> dict[str, Any]:
 
 
 def sample_hbptt_params(trial: optuna.Trial) -> dict[str, Any]:
-    """H-BPTT's horizon and trust."""
+    """Samples H-BPTT's horizon and the weight of its KL penalty."""
     return {
         "horizon": trial.suggest_int("horizon", 1, 30, log=True),
         "kl_weight": trial.suggest_float("kl_weight", 1e-7, 1e-2, log=True),
@@ -57,7 +57,7 @@ def sample_hbptt_params(trial: optuna.Trial) -> dict[str, Any]:
 
 
 def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
-    """H-MVE's expansion."""
+    """Samples H-MVE's horizon and weighting."""
     return {
         "horizon": trial.suggest_int("horizon", 1, 20, log=True),
         "weighting": trial.suggest_categorical("weighting", ["none", "steve"]),
@@ -65,7 +65,7 @@ def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
 
 
 def register_algorithms() -> None:
-    """Make them known to rl_zoo3."""
+    """Register the algorithms of this package with rl_zoo3."""
     ALGOS.update(OUR_ALGORITHMS)
     HYPERPARAMS_SAMPLER["hmpc"] = nothing_to_sample
     HYPERPARAMS_CONVERTER["hmpc"] = nothing_to_convert

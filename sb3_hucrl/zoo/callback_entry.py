@@ -1,4 +1,4 @@
-"""Where a configuration names HUCRLCallback, and with which settings."""
+"""Finds HUCRLCallback and its settings in an rl_zoo3 configuration."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from sb3_hucrl.callbacks import HUCRLCallback
 @dataclass(frozen=True)
 class CallbackEntry:
     """
-    HUCRLCallback, or a subclass of it, as a configuration names it.
+    HUCRLCallback, or a subclass of it, in a configuration.
 
-    :param name: where it is imported from, such as ``"sb3_hucrl.HUCRLCallback"``
-    :param callback: what is imported from there
+    :param name: its import path, such as ``"sb3_hucrl.HUCRLCallback"``
+    :param callback: the imported class
     :param settings: its arguments
     """
 
@@ -36,7 +36,7 @@ class CallbackEntry:
 def find_entry(callbacks: Any) -> CallbackEntry | None:
     """
     :param callbacks: a configuration's ``callback``: a name, a mapping from name to arguments, or a list of these
-    :return: the first that is ours, or None if there is none
+    :return: the first HUCRLCallback, or None if there is none
     """
     found = map(_read, _as_list(callbacks))
     return next((entry for entry in found if entry is not None), None)
@@ -45,8 +45,8 @@ def find_entry(callbacks: Any) -> CallbackEntry | None:
 def with_entry(callbacks: Any, entry: CallbackEntry) -> list[Any]:
     """
     :param callbacks: a configuration's ``callback``
-    :param entry: new
-    :return: the same callbacks, with this entry in place of ours
+    :param entry: the new entry
+    :return: the same callbacks, with this entry in place of the old one
     """
     new = {entry.name: dict(entry.settings)}
     return [each if _read(each) is None else new for each in _as_list(callbacks)]
@@ -55,7 +55,7 @@ def with_entry(callbacks: Any, entry: CallbackEntry) -> list[Any]:
 def arguments_of(callback: type[HUCRLCallback]) -> dict[str, inspect.Parameter]:
     """
     :param callback: HUCRLCallback or a subclass
-    :return: its arguments, with those that it passes on to its base class as ``**kwargs``
+    :return: its arguments, including those of its base class if it passes ``**kwargs`` on
     """
     found: dict[str, inspect.Parameter] = {}
     for each in callback.__mro__:

@@ -1,4 +1,4 @@
-"""A polite end of training when the system asks for one."""
+"""Ends a training run on SIGTERM as on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from types import FrameType
 
 @contextmanager
 def interrupt_on_termination() -> Iterator[None]:
-    """SIGTERM raises KeyboardInterrupt within, upon which rl_zoo3 saves what was learned, as it does on Ctrl-C."""
+    """Within this context, SIGTERM raises KeyboardInterrupt, so that rl_zoo3 saves the model as it does on Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # Python takes signals in the main thread only
+        yield  # Python handles signals in the main thread only
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:

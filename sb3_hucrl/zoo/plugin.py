@@ -1,4 +1,4 @@
-"""Teaches rl_zoo3 about this package; runs without HUCRLCallback stay as they were."""
+"""Extends rl_zoo3 for this package; runs without HUCRLCallback are not changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A finished or running training of rl_zoo3, read back from its folder."""
+"""Reads a finished or running training run of rl_zoo3 from its folder."""
 
 from __future__ import annotations
 
@@ -25,8 +25,10 @@ from sb3_hucrl.zoo.callback_entry import find_entry
 @dataclass(frozen=True)
 class ZooRun:
     """
+    A training run of rl_zoo3 with HUCRLCallback.
+
     :param folder: of the run, such as ``logs/sac/HUCRL-Pendulum-v0_1``
-    :raises ValueError: if it is no folder of such a run
+    :raises ValueError: if it is not the folder of such a run
     """
 
     folder: Path
@@ -50,19 +52,19 @@ class ZooRun:
 
     @property
     def env_id(self) -> str:
-        """Of the environment."""
+        """Id of the environment."""
         return str(self._settings[0]["env"])
 
     @cached_property
     def progress(self) -> pd.DataFrame:
-        """What was logged, one row for each real episode."""
+        """The logged values, one row for each real episode."""
         rows = pd.read_csv(self.folder / "progress.csv")
         episodes: pd.DataFrame = rows.dropna(subset=["real/episode"]).set_index("real/episode")
         return episodes
 
     @cached_property
     def model(self) -> BaseAlgorithm:
-        """The final SB3 model, or the latest checkpoint of a run that goes on or was killed."""
+        """The final SB3 model, or the latest checkpoint of a run that is still running or was killed."""
         args, _ = self._settings
         names = (f"{args['env']}.zip", "checkpoint.zip")
         paths = [self.folder / name for name in names if (self.folder / name).is_file()]
@@ -88,14 +90,14 @@ class ZooRun:
         """What the run has learned."""
         state = get_state(self.model)
         if state is None:
-            raise ValueError(f"{self.folder} was not trained with HUCRLCallback: it has no dynamics model to look at")
+            raise ValueError(f"{self.folder} was not trained with HUCRLCallback: it has no dynamics model")
         return state
 
     def real_env(self, **kwargs: Any) -> gym.Env[Any, Any]:
         """
         The environment as it was trained on: with the run's ``env_wrapper``.
 
-        :param kwargs: arguments of the environment, besides those of the run
+        :param kwargs: arguments of the environment; they override those of the run
         """
         args, config = self._settings
         given = {**(config.get("env_kwargs") or {}), **(args["env_kwargs"] or {}), **kwargs}
@@ -125,6 +127,6 @@ class ZooRun:
 
     def world(self) -> World:
         """
-        :return: what the run imagines now, from where real episodes begin
+        :return: the World that the run imagines now, beginning in the start states of real episodes
         """
         return self.loop(self.state).begin_search().from_real_starts()

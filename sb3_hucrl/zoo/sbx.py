@@ -1,4 +1,4 @@
-"""SBX, SB3's algorithms in JAX, as rl_zoo3 algorithms ``sbx_sac`` and so on, where it is installed."""
+"""Registers SBX, SB3's algorithms in JAX, with rl_zoo3 as ``sbx_sac`` and so on, if it is installed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 PREFIX = "sbx_"
 CLASSES = {"sac": "SAC", "td3": "TD3", "tqc": "TQC", "crossq": "CrossQ", "ppo": "PPO"}
-#: of torch.nn, by their names in jax.nn
+#: names of activation functions in torch.nn, and in jax.nn
 ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "ELU": "elu", "LeakyReLU": "leaky_relu"}
 
 
 class LazyAlgorithm:
     """
-    Imports an algorithm when it is first used: JAX takes seconds, and most runs do without.
+    Imports an algorithm when it is first used: importing JAX takes seconds, and most runs do not need it.
 
     :param name: of the class in ``sbx``
     """
@@ -40,8 +40,8 @@ class LazyAlgorithm:
 
 def translated(function: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
     """
-    :param function: gives hyperparameters of an algorithm of SB3
-    :return: gives those of its namesake, whose activation functions are JAX's
+    :param function: returns hyperparameters of an SB3 algorithm
+    :return: a function that returns those of the SBX algorithm, with JAX's activation functions
     """
 
     @functools.wraps(function)
@@ -57,7 +57,7 @@ def translated(function: Callable[..., dict[str, Any]]) -> Callable[..., dict[st
 
 
 def register_sbx() -> None:
-    """Make the algorithms known to rl_zoo3, if they are installed; they are tuned as their namesakes in SB3."""
+    """Register SBX's algorithms with rl_zoo3, if SBX is installed; they are tuned like their SB3 versions."""
     if find_spec("sbx") is None:
         return
     for algo, name in CLASSES.items():

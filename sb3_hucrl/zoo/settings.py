@@ -12,11 +12,11 @@ from typing import Any
 from sb3_hucrl.imagination import StartStates
 from sb3_hucrl.zoo.callback_entry import CallbackEntry, arguments_of, find_entry, with_entry
 
-#: every name begins with it
+#: prefix of every name
 PREFIX = "hucrl_"
-#: an argument with this ending has the arguments of what the argument without it names
+#: suffix of the argument that holds the arguments of a named class, as in ``dynamics`` and ``dynamics_kwargs``
 KWARGS = "_kwargs"
-#: what optuna studies call some settings
+#: shorter names of some settings, used in optuna studies
 SHORT_NAMES = {
     "beta": "exploration__beta",
     "num_members": "dynamics__num_members",
@@ -30,10 +30,10 @@ def move_settings(hyperparams: dict[str, Any], saved: dict[str, Any], overrides:
     """
     Move single settings from among the hyperparameters into the callback's entry.
 
-    :param hyperparams: of a run, as rl_zoo3 merges them: the configuration's, a trial's, and those of ``-params``;
-        changed in place
+    :param hyperparams: of a run, merged by rl_zoo3 from the configuration, a trial, and ``-params``; changed in
+        place
     :param saved: the same, as rl_zoo3 saves them with the run; changed in place
-    :param overrides: those of ``-params`` alone: they win, even where the others spell a setting differently
+    :param overrides: those of ``-params`` alone: they take precedence, even if a setting is spelled differently
     :raises ValueError: if a setting is unknown, or there is no callback to give it to
     """
     given = {name: value for name, value in hyperparams.items() if name.startswith(PREFIX)}
@@ -42,8 +42,8 @@ def move_settings(hyperparams: dict[str, Any], saved: dict[str, Any], overrides:
     entry = find_entry(hyperparams.get("callback"))
     if entry is None:
         raise ValueError(
-            f"{sorted(given)} are settings of HUCRLCallback, which the configuration does not name: write "
-            "'callback: sb3_hucrl.HUCRLCallback' in the YAML file, or leave these settings out"
+            f"{sorted(given)} are settings of HUCRLCallback, which is not in the configuration: write "
+            "'callback: sb3_hucrl.HUCRLCallback' in the YAML file, or remove these settings"
         )
     entry = changed(entry, {name: value for name, value in given.items() if name not in overrides})
     entry = changed(entry, {name: value for name, value in given.items() if name in overrides})
@@ -57,14 +57,14 @@ def changed(entry: CallbackEntry, changes: Mapping[str, Any]) -> CallbackEntry:
     """
     :param entry: of the callback
     :param changes: new values by the names of settings, such as ``hucrl_horizon`` or ``hucrl_dynamics__num_members``
-    :return: the entry with these changes, all else as it was
+    :return: the entry with these changes only
     :raises ValueError: if there is no such setting
     """
     arguments = arguments_of(entry.callback)
     read = [_Change.read(name, value, entry, arguments) for name, value in changes.items()]
     settings = dict(entry.settings)
-    # A single entry of a mapping comes after the mapping, and both after another kind, which does away with the
-    # arguments of the old one.
+    # In this order: another kind, which drops the arguments of the old one, then whole mappings, then single entries of
+    # mappings.
     for change in sorted(read, key=lambda change: (change.key is not None, change.argument.endswith(KWARGS))):
         change.apply(settings, arguments)
     return replace(entry, settings=settings)
@@ -73,9 +73,9 @@ def changed(entry: CallbackEntry, changes: Mapping[str, Any]) -> CallbackEntry:
 @dataclass(frozen=True)
 class _Change:
     """
-    :param argument: of the callback
-    :param key: of one entry, where the argument is a mapping; None for the whole argument
-    :param value: new
+    :param argument: argument of the callback
+    :param key: key of one entry, if the argument is a mapping; None for the whole argument
+    :param value: the new value
     """
 
     argument: str

@@ -1,4 +1,4 @@
-"""What ``rl_zoo3 train -optimize`` tunes besides the algorithm: the callback's own settings."""
+"""Tunes the callback's settings in ``rl_zoo3 train -optimize``, together with the algorithm's hyperparameters."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def suggest(
     searches: bool = True,
 ) -> None:
     """
-    Draw our settings for a trial; :func:`sb3_hucrl.zoo.settings.changed` puts them where they belong.
+    Sample the callback's settings for a trial; :func:`sb3_hucrl.zoo.settings.changed` applies them to the callback.
 
-    :param trial: gets one parameter for each setting, its name beginning with :data:`PREFIX`
-    :param settings: the callback's arguments in the YAML file, which decide what there is to tune
+    :param trial: receives one parameter for each setting, whose name begins with :data:`PREFIX`
+    :param settings: the callback's arguments in the YAML file, which determine what is tuned
     :param spec: of the environment
-    :param observation_dim: number of observed values
-    :param n: imagined steps of the whole training
+    :param observation_dim: dimension of the observation
+    :param n: imagined steps of the whole training run
     :param searches: whether the algorithm searches in imagination; H-MPC does not
     :raises ValueError: if the environment has no time limit
     """
@@ -57,20 +57,20 @@ def suggest(
         return
     trial.suggest_int(f"{PREFIX}horizon", min(10, limit), limit, log=True)
     trial.suggest_int(f"{PREFIX}imagined_steps", max(1, n // 20), max(1, n // 2), log=True)
-    # Whether a task of the user's own has exploratory states is not known before it is built.
+    # A task that the user names is not built yet, so it is not known whether it has exploratory states.
     task = None if settings.get("task") else find_task(spec, observation_dim)
     for kind in StartStates.KINDS:
         if kind == "exploratory" and (task is None or task.exploratory_states(1, None) is None):
             continue
-        # Real starts always count: what is imagined from there is what is wanted.
+        # Real start states always have a weight: the policy must be good there.
         trial.suggest_float(f"{PREFIX}start_{kind}", 0.1 if kind == "initial" else 0.0, 1.0)
 
 
 class RealStepsRecorder(BaseCallback):
     """
-    Notes how many real steps a trial has learned from, as its attribute ``real_steps``.
+    Stores the number of real steps that a trial has learned from in its attribute ``real_steps``.
 
-    :param trial: of the study
+    :param trial: the trial
     """
 
     def __init__(self, trial: optuna.Trial) -> None:
@@ -96,8 +96,8 @@ class RealStepsRecorder(BaseCallback):
 
 def prepare_trial(manager: ExperimentManager, trial: optuna.Trial) -> ExperimentManager:
     """
-    :param manager: of the study; several threads may run trials with it
-    :param trial: to run
+    :param manager: of the study; several threads may share it
+    :param trial: the trial to run
     :return: a manager for this trial alone
     """
     entry = find_entry(manager.specified_callbacks)
