@@ -1,4 +1,4 @@
-"""Returns of a random and of a zero policy, to compare learning curves with."""
+"""Returns of random actions and of no action, as baselines of learning curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def returns(env_id: str, policy: str, episodes: int, seed: int) -> list[float]:
     """
     :param env_id: of the environment
     :param policy: "random" or "zero"
-    :param episodes: how many
+    :param episodes: number of episodes
     :param seed: of the first episode's reset and of the random actions
     :return: one return per episode
     """
@@ -38,9 +38,11 @@ def returns(env_id: str, policy: str, episodes: int, seed: int) -> list[float]:
 
 
 def main() -> None:
-    """Play, write the CSV, and print it."""
+    """Play the episodes, write the CSV and print it."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--envs", nargs="+", default=list(ENVIRONMENTS), help="by default all of this package")
+    parser.add_argument(
+        "--envs", nargs="+", default=list(ENVIRONMENTS), help="ids of environments; by default all of this package"
+    )
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, default=Path("results/baselines.csv"))

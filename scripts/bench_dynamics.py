@@ -1,7 +1,7 @@
 """
-What a fit and a prediction cost, for every dynamics model: against transitions, and against states per prediction.
+Times of a fit by number of transitions, and of a prediction by number of states, for every dynamics model.
 
-All times are wall-clock on one thread. The last lines compare the ensemble with its own members run one by one.
+All times are wall-clock on one thread. The last lines compare the ensemble with its members one by one.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def median_seconds(function: Callable[[], object], budget: float) -> float:
 
 
 def cost(name: str, dataset: TransitionDataset, batches: list[int], budget: float) -> list[dict[str, object]]:
-    """One row for each batch size; a model that refuses the data has none."""
+    """One row for each batch size; no rows if the model refuses the data."""
     model = make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(0))
     started = time.perf_counter()
     try:
@@ -69,7 +69,7 @@ def cost(name: str, dataset: TransitionDataset, batches: list[int], budget: floa
 
 @th.no_grad()
 def single_members(model: ProbabilisticEnsemble) -> list[Predictor]:
-    """Each member of an ensemble once."""
+    """Predict with each member of an ensemble, one by one."""
     probe, generator = random_dataset(2).transitions, th.Generator().manual_seed(0)
     found: dict[float, Predictor] = {}
     while len(found) < model.num_members:
@@ -79,7 +79,7 @@ def single_members(model: ProbabilisticEnsemble) -> list[Predictor]:
 
 
 def batching_gain(states: int, budget: float) -> float:
-    """How many times faster an ensemble predicts in one go than as the moments of single members' predictions."""
+    """Speed-up of an ensemble's prediction over the moments of its members' single predictions."""
     model = ProbabilisticEnsemble(2, 1, (0,), generator=th.Generator().manual_seed(0))
     batch = random_dataset(states).transitions
     members = single_members(model)

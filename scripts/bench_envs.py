@@ -1,4 +1,4 @@
-"""Real environment steps per second of every environment of this package, beside gymnasium's HalfCheetah-v5."""
+"""Real steps per second of every environment of this package, compared with gymnasium's HalfCheetah-v5."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def steps_per_second(env_id: str, steps: int) -> float:
 
 
 def main() -> None:
-    """Measure all of them in turns, so that a slow moment of the machine hits all."""
+    """Measure the environments in turns, so that a slow phase of the machine affects all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000)
     parser.add_argument("--rounds", type=int, default=7)

@@ -1,9 +1,9 @@
 """
-Imagined steps per second through the whole ImaginationVecEnv, beside the bare forward pass of its ensemble.
+Imagined steps per second of ImaginationVecEnv, compared with its ensemble alone.
 
-The bare pass is ``model.predict``: states and actions in, means and standard deviations of the next states out. The
-last two columns go below it, to the naked member networks on inputs that are already standardised. All are timed in
-alternating slices of one run, so that whatever else the machine does hits them alike; the median slice counts.
+The comparison is with ``model.predict``, from states and actions to means and standard deviations of the next states.
+The last two columns compare with the member networks alone, on standardised inputs. All are timed in alternating slices
+of one run, so that other load on the machine affects them equally; the median slice counts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def seconds_per_call(function: Callable[[], object], calls: int) -> float:
 
 
 def time_per_step(num_envs: int, horizon: int, slices: int, slice_seconds: float) -> list[float]:
-    """Median seconds of one step of the VecEnv, of one prediction, and of one pass through the naked networks."""
+    """Median seconds of one step of the VecEnv, of one prediction, and of one pass through the networks."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
     real = gym.make(ENV_ID)

@@ -1,7 +1,7 @@
 """
-Imagined steps per second of planning: all particles in one batch, beside a plain loop over particles.
+Imagined steps per second of planning: all particles in one batch, compared with a loop over particles.
 
-Both are timed in alternating slices of one run, so that whatever else the machine does hits them alike; the median
+Both are timed in alternating slices of one run, so that other load on the machine affects them equally; the median
 slice counts.
 """
 
@@ -24,7 +24,7 @@ from sb3_hucrl.tasks import PendulumTask
 
 
 def objective(horizon: int) -> ImaginedReturns:
-    """Planning for the pendulum, with an ensemble that has seen one episode of random torques."""
+    """A planning problem of the pendulum, with an ensemble fitted to one episode of random torques."""
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
     real = gym.make("HUCRL-Pendulum-v0")
@@ -45,7 +45,7 @@ def seconds(function: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    """Print particles times horizon per second."""
+    """Print the imagined steps per second."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--particles", type=int, default=500)
     parser.add_argument("--horizon", type=int, default=50)

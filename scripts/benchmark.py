@@ -2,8 +2,8 @@
 Real returns per real episode on an environment of this package, over seeds, action penalties, strategies, models and
 start states.
 
-Each run is ``rl_zoo3 train`` with the package's own hyperparameters, in a process of its own on one thread. Finished
-runs are appended to the CSV at once and skipped when the same command is given again.
+Each run is ``rl_zoo3 train`` with the package's hyperparameters, in its own process on one thread. A finished run is
+appended to the CSV at once. If the command is given again, it skips finished runs.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ START_STATES = {
 
 @dataclass(frozen=True)
 class Run:
-    """One training run; its fields are columns of the CSV."""
+    """A training run; its fields are columns of the CSV."""
 
     algo: str
     env: str
@@ -73,14 +73,14 @@ class Run:
 
 
 def hyperparameters(algo: str, env: str) -> dict[str, Any]:
-    """The package's own settings of an environment."""
+    """The package's hyperparameters of an environment."""
     text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
     settings: dict[str, Any] = yaml.safe_load(text)[env]
     return settings
 
 
 def imagined_steps(run: Run) -> int:
-    """Of the package's own search before each real episode."""
+    """Imagined steps of the search before each real episode, in the package's hyperparameters."""
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
     steps = entry.build().settings.search.imagined_steps
@@ -105,7 +105,7 @@ def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
 
 
 def execute(run: Run, params: list[str], settings: Mapping[str, Any]) -> pd.DataFrame:
-    """Train, and return one row for each real episode; a failure is reported and has no rows."""
+    """Train, and return one row for each real episode; a failed run is reported and returns no rows."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.run(
             [*command(run, folder, settings), *params], capture_output=True, text=True, check=False
@@ -120,7 +120,7 @@ def execute(run: Run, params: list[str], settings: Mapping[str, Any]) -> pd.Data
 
 
 def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
-    """Per setting: the first episode with a return of at least ``solved``, and the mean of the last three."""
+    """For each setting, the first episode with a return of at least ``solved``, and the mean of the last three."""
     settings = ["algo", "env", "action_penalty", "start_states", "dynamics", "exploration"]
     results = results.assign(solved_in=results.episode.where(results.real_return >= solved)).sort_values("episode")
     by_run = results.groupby([*settings, "seed"])
@@ -143,7 +143,7 @@ def summary(results: pd.DataFrame, solved: float) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Run what is missing, then print the summary."""
+    """Run what is missing and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", nargs="+", default=["sac"])
     parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
@@ -152,11 +152,11 @@ def main() -> None:
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
-    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
     parser.add_argument("--output", type=Path, default=Path("results/pendulum.csv"))
     parser.add_argument("--solved", type=float, default=150.0, help="return that counts as solved in the summary")
-    parser.add_argument("--until-solved", action="store_true", help="end a run with its first solved episode")
-    parser.add_argument("--params", nargs="*", default=[], help="passed on to rl_zoo3 train as further -params")
+    parser.add_argument("--until-solved", action="store_true", help="end each run with its first solved episode")
+    parser.add_argument("--params", nargs="*", default=[], help="further -params of rl_zoo3 train")
     args = parser.parse_args()
 
     combinations = itertools.product(

@@ -1,8 +1,8 @@
 """
-Mean return against steps of an algorithm that uses no model, over seeds.
+Mean return by steps of an algorithm without a model, over seeds.
 
-Each run is ``rl_zoo3 train`` with the package's own hyperparameters, in a process of its own on one thread. Finished
-runs are appended to the CSV at once and skipped when the same command is given again.
+Each run is ``rl_zoo3 train`` with the package's hyperparameters, in its own process on one thread. A finished run is
+appended to the CSV at once. If the command is given again, it skips finished runs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from results_table import ResultsTable
 
 @dataclass(frozen=True)
 class Run:
-    """One training run; its fields are columns of the CSV."""
+    """A training run; its fields are columns of the CSV."""
 
     algo: str
     env: str
@@ -32,7 +32,7 @@ class Run:
 
 
 def execute(run: Run, eval_freq: int, eval_episodes: int) -> pd.DataFrame:
-    """Train, and return one row for each evaluation of the policy's mode; a failure is reported and has no rows."""
+    """Train, and return one row for each evaluation of the policy's mode; a failed run is reported and has no rows."""
     with tempfile.TemporaryDirectory() as folder:
         command = [
             *(sys.executable, "-m", "sb3_hucrl.zoo", "train", "--algo", run.algo, "--env", run.env),
@@ -57,14 +57,14 @@ def execute(run: Run, eval_freq: int, eval_episodes: int) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Run what is missing, then print every evaluation."""
+    """Run what is missing and print every evaluation."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", nargs="+", default=["mpo"])
     parser.add_argument("--env", default="Pendulum-v1")
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--eval-freq", type=int, default=3_000)
     parser.add_argument("--eval-episodes", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
     parser.add_argument("--output", type=Path, default=Path("results/model_free.csv"))
     args = parser.parse_args()
 

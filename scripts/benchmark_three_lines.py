@@ -1,11 +1,10 @@
 """
 The README's three lines on any gymnasium environment, over seeds: real returns per real episode.
 
-By default the task is the registered one, and learned where there is none; ``--tasks learned`` learns it anyway.
-Environments of another package are named with it, as in ``shimmy:dm_control/cartpole-swingup-v0``, which needs
-``--env-kwargs max_episode_steps:1000`` for gymnasium to know how long its episodes are. ``--hyperparams`` are SAC's,
-``--callback`` are HUCRLCallback's. Finished runs are appended to the CSV at once and skipped when the same command is
-given again.
+By default the task is the registered one; if there is none, it is learned. ``--tasks learned`` always learns it. Name
+the package of an environment, as in ``shimmy:dm_control/cartpole-swingup-v0``, which also needs a time limit:
+``--env-kwargs max_episode_steps:1000``. ``--hyperparams`` are arguments of SAC, ``--callback`` those of HUCRLCallback.
+A finished run is appended to the CSV at once. If the command is given again, it skips finished runs.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from sb3_hucrl.spaces import require_vector_observation
 
 @dataclass(frozen=True)
 class Run:
-    """One training run; its fields are columns of the CSV."""
+    """A training run; its fields are columns of the CSV."""
 
     env: str
     task: str
@@ -42,7 +41,7 @@ class Run:
 
 
 def make_env(run: Run, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
-    """The environment with room for a′, its observation a vector."""
+    """The environment with the hallucinated action a′, and a vector as observation."""
     env = gym.make(run.env, **env_kwargs)
     if isinstance(env.observation_space, gym.spaces.Dict):
         env = FlattenObservation(env)
@@ -54,11 +53,11 @@ def train(
     run: Run, env_kwargs: dict[str, Any], episodes: int, hyperparams: dict[str, Any], callback_kwargs: dict[str, Any]
 ) -> pd.DataFrame:
     """
-    :param run: what to train
+    :param run: the training run
     :param env_kwargs: of the environment
-    :param episodes: real ones
-    :param hyperparams: of SAC, over those of the README
-    :param callback_kwargs: of HUCRLCallback, over those of the README
+    :param episodes: number of real episodes
+    :param hyperparams: of SAC; they override those of the README
+    :param callback_kwargs: of HUCRLCallback; they override those of the README
     :return: one row for each real episode
     """
     th.set_num_threads(1)
@@ -76,7 +75,7 @@ def train(
 
 
 def main() -> None:
-    """Train what is missing, and print the first episode that reached the goal."""
+    """Run what is missing and print each run's first solved episode."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--env", default="Pendulum-v1")
     parser.add_argument("--env-kwargs", nargs="*", action=StoreDict, default={})
@@ -85,10 +84,16 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--episodes", type=int, default=10, help="real episodes")
     parser.add_argument(
-        "--hyperparams", nargs="*", action=StoreDict, default={}, help="of SAC, as in gradient_steps:16"
+        "--hyperparams", nargs="*", action=StoreDict, default={}, help="arguments of SAC, such as gradient_steps:16"
     )
-    parser.add_argument("--callback", nargs="*", action=StoreDict, default={}, help="as in initial_episodes:10")
-    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument(
+        "--callback",
+        nargs="*",
+        action=StoreDict,
+        default={},
+        help="arguments of HUCRLCallback, such as initial_episodes:10",
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
     parser.add_argument("--solved", type=float, default=-250.0, help="return that counts as solved in the summary")
     parser.add_argument("--output", type=Path, default=Path("results/three_lines.csv"))
     args = parser.parse_args()

@@ -1,6 +1,6 @@
 """
-Kills a short training at random moments, resumes it with the same command each time, and checks that nothing which was
-in a checkpoint is ever lost.
+Kills a short training run at random moments, resumes it with the same command each time, and checks that nothing that
+was in a checkpoint is lost.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sb3_hucrl import HUCRLState
 from sb3_hucrl.sb3 import get_state
 
 ENV_ID = "HUCRL-Pendulum-v0"
-#: seconds until the first checkpoint must be there
+#: seconds within which a checkpoint must appear
 PATIENCE = 120.0
 #: long enough to be killed, whatever the machine
 COMMAND = [
@@ -33,13 +33,13 @@ COMMAND = [
 
 
 def latest_checkpoint(folder: Path) -> Path | None:
-    """The newest one of all runs."""
+    """The newest checkpoint of all runs."""
     return max(folder.glob("logs/sac/*/checkpoint.zip"), key=lambda path: path.stat().st_mtime_ns, default=None)
 
 
 def load(path: Path) -> HUCRLState:
     """
-    :param path: of a checkpoint
+    :param path: path of a checkpoint
     :raises AssertionError: if its counters contradict each other
     """
     state = get_state(SAC.load(path, device="cpu"))
@@ -51,7 +51,7 @@ def load(path: Path) -> HUCRLState:
 
 
 def run_and_kill(folder: Path, seconds: float, had: Path | None) -> None:
-    """Start or resume, wait for a new checkpoint and then a random while, and kill."""
+    """Start or resume the run, wait for a new checkpoint and then for a random time, and kill it."""
     resume = [] if had is None else ["-i", str(had)]
     with (folder / "output.txt").open("w") as output:
         process = subprocess.Popen([*COMMAND, *resume], cwd=folder, stdout=output, stderr=subprocess.STDOUT)
@@ -68,7 +68,7 @@ def run_and_kill(folder: Path, seconds: float, had: Path | None) -> None:
 
 
 def main() -> None:
-    """Kill, resume, check; any loss is an AssertionError."""
+    """Kill, resume and check repeatedly; a loss raises AssertionError."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)

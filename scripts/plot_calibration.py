@@ -1,8 +1,8 @@
 """
 Reliability diagrams of every dynamics model on real pendulum transitions, before and after recalibration.
 
-For each seed, a model learns from a few real episodes with random torques, 10 % of which it holds out and recalibrates
-on. Coverage is then measured on other real episodes, which it has never seen.
+For each seed, a model is fitted to a few real episodes with random torques. It holds out 10 % of them and recalibrates
+on these. Coverage is then measured on other real episodes, which the model has not seen.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sb3_hucrl.tasks import PendulumTask
 
 
 def random_torques(rng: np.random.Generator, hold: int) -> Actor:
-    """Uniform torques, each held for a number of steps, so that the pendulum gets going."""
+    """Uniform torques, each held for several steps, so that the pendulum moves."""
     steps, torque = 0, np.zeros(1, dtype=np.float32)
 
     def act(observation: Array, first: bool) -> Array:
@@ -42,7 +42,7 @@ def random_torques(rng: np.random.Generator, hold: int) -> Actor:
 
 
 def collect(env: gym.Env[Any, Any], episodes: int, rng: np.random.Generator) -> list[Transitions]:
-    """Real episodes."""
+    """Play real episodes with these torques."""
     task = PendulumTask()
     return [collect_episode(env, random_torques(rng, hold=40), task, action_dim=1) for _ in range(episodes)]
 
@@ -56,7 +56,7 @@ def coverage(model: DeltaModel, unseen: Transitions) -> th.Tensor:
 
 
 def main() -> None:
-    """Fit, measure, write the CSV and draw."""
+    """Fit and evaluate the models, write the CSV and draw the diagrams."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dynamics", nargs="+", choices=LEARNED, default=list(LEARNED))
     parser.add_argument("--seeds", nargs="+", type=int, default=[21, 22, 23, 24, 25])

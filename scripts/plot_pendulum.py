@@ -1,4 +1,4 @@
-"""Draws real returns against real steps: medians over seeds and their range, from benchmark.py's CSV."""
+"""Draws real returns by real steps, with median and range over seeds, from the CSV of benchmark.py."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def draw(results: pd.DataFrame, output: Path) -> None:
 
 
 def main() -> None:
-    """Read the CSV, write the picture."""
+    """Read the CSV and draw the picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--input", type=Path, default=Path("results/pendulum.csv"))
     parser.add_argument("--output", type=Path, default=Path("docs/pendulum.png"))

@@ -1,8 +1,8 @@
 """
-Draws figures of the paper again, from runs of this package, and prints what they show in numbers.
+Draws the paper's figures from runs of this package, and prints their main numbers.
 
-What is missing is run first, one CSV for each run, and figures share the runs that they have in common. An interrupted
-command goes on where it was. ``--quick`` shows in minutes that everything works; it learns nothing.
+Missing runs are made first, with one CSV for each run. Figures share common runs. An interrupted command continues
+where it stopped. ``--quick`` checks within minutes that everything works, with runs too short to learn anything.
 """
 
 from __future__ import annotations
@@ -18,13 +18,19 @@ FIRST_SEED = 51
 
 
 def main() -> None:
-    """Run what is missing, then draw."""
+    """Make the missing runs, then draw the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--figure", type=int, nargs="+", choices=list(FIGURES), default=list(FIGURES))
-    parser.add_argument("--seeds", type=int, default=5, help=f"how many, from {FIRST_SEED} on")
-    parser.add_argument("--quick", action="store_true", help="one seed, one penalty, and next to no search")
-    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
-    parser.add_argument("--launcher", choices=list(LAUNCHERS), default="local", help="where runs go")
+    parser.add_argument("--seeds", type=int, default=5, help=f"number of seeds, from {FIRST_SEED} on")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="one seed, one penalty and very short searches, to check that everything works",
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
+    parser.add_argument(
+        "--launcher", choices=list(LAUNCHERS), default="local", help="where to run: on this machine or on a Ray cluster"
+    )
     parser.add_argument("--output", type=Path, default=Path("results/figures"), help="folder of the CSVs")
     parser.add_argument("--pictures", type=Path, default=Path("docs/figures"), help="folder of the pictures")
     args = parser.parse_args()

@@ -1,4 +1,4 @@
-"""A CSV of results that grows run by run, so that an interrupted benchmark goes on where it was."""
+"""A CSV of results to which each finished run is appended, so that an interrupted benchmark can continue."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RunT = TypeVar("RunT", bound="DataclassInstance")
 
 @cache
 def commit() -> str:
-    """The commit that results belong to: the one that was checked out when it was first asked for."""
+    """The commit of the results: the one that was checked out at the first call."""
     command = ["git", "describe", "--always", "--dirty"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
 
@@ -45,7 +45,7 @@ def real_episodes(folder: str) -> pd.DataFrame:
 
 class ResultsTable(Generic[RunT]):
     """
-    :param path: of the CSV; one that exists is added to
+    :param path: of the CSV; if it exists, rows are appended
     :param run_type: dataclass that describes a run; its fields are columns
     """
 
@@ -56,11 +56,11 @@ class ResultsTable(Generic[RunT]):
 
     def fill(self, runs: Iterable[RunT], execute: Callable[[RunT], pd.DataFrame], jobs: int) -> None:
         """
-        Execute the runs that the CSV lacks, and write each to it as soon as it is finished.
+        Execute the runs that are not in the CSV, and append each as soon as it is finished.
 
-        :param runs: all that should be there
-        :param execute: gives the rows of one run; none if it failed
-        :param jobs: runs side by side, each in a process of its own
+        :param runs: all runs of the benchmark
+        :param execute: makes a run and returns its rows; none if it failed
+        :param jobs: number of parallel runs, each in its own process
         """
         done = set() if self.rows.empty else set(self.rows[self._columns].itertuples(index=False, name=None))
         missing = [run for run in runs if astuple(run) not in done]

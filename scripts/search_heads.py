@@ -1,8 +1,7 @@
 """
-Searches the policy that is best in the whole ensemble, optimistically, and in each member alone (appendix B.4.6).
+Searches a policy in the whole ensemble, optimistically, and one in each member alone (appendix B.4.6).
 
-The models are those that a run had after its first real episodes: the ensemble is fitted to each of them in turn, as
-the run did.
+The models are those of a run after its first real episodes: the ensemble is refitted after each of them, as in the run.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.tasks import PendulumTask
 
 HORIZON = 400
-#: what the zoo reads and the algorithm does not take
+#: hyperparameters of rl_zoo3 that are not arguments of the algorithm
 ZOO_SETTINGS = ("n_envs", "n_timesteps", "policy", "policy_kwargs", "vec_env_wrapper", "callback")
 
 
@@ -41,12 +40,12 @@ def search(
 ) -> float:
     """
     :param model: the whole ensemble, or one member
-    :param strategy: how it is imagined
-    :param dataset: whose states imagination starts from
+    :param strategy: exploration strategy
+    :param dataset: real transitions, from whose states imagination starts
     :param penalty: on actions
     :param seed: of the search
-    :param steps: of imagination
-    :return: mean imagined return of the policy's mode, from where real episodes begin
+    :param steps: imagined steps
+    :return: mean imagined return of the policy's mode from the start states of real episodes
     """
     settings: Mapping[str, Any] = hyperparameters(ALGO, PENDULUM)
     hallucinate = isinstance(strategy, Optimistic)
@@ -69,12 +68,14 @@ def search(
 
 
 def main() -> None:
-    """Search in every model, write the returns."""
+    """Search in every model and write the returns."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("trajectories", type=Path, help="of a run of reproduce.py")
+    parser.add_argument("trajectories", type=Path, help="trajectories of a run of reproduce.py")
     parser.add_argument("--penalty", type=float, required=True)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--episodes", type=int, nargs="+", required=True, help="real ones, after which to search")
+    parser.add_argument(
+        "--episodes", type=int, nargs="+", required=True, help="numbers of real episodes after which to search"
+    )
     parser.add_argument("--imagined-steps", type=int, required=True)
     parser.add_argument("--output", type=Path, required=True)
     args = parser.parse_args()

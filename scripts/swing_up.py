@@ -1,8 +1,8 @@
 """
-One plan from the bottom with the pendulum's true dynamics, played on the real pendulum: which planner swings up, at
-which action penalty.
+Shows which planner swings the pendulum up at which action penalty: each makes one plan from the bottom with the true
+dynamics, which is then played on the real pendulum.
 
-The plan is 200 steps long, half an episode. To hang still returns 0.
+The plan is 200 steps long, half an episode. A pendulum at rest has a return of 0.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PLANNERS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Run:
-    """Plans of one kind; its fields are columns of the CSV."""
+    """Plans with the same settings; its fields are columns of the CSV."""
 
     planner: str
     action_penalty: float
@@ -47,7 +47,7 @@ class Run:
 
 
 def execute(run: Run, horizon: int, plans: int) -> pd.DataFrame:
-    """Plan several times at once, play each plan, and return one row for each."""
+    """Make several plans in one batch, play them, and return one row for each."""
     th.set_num_threads(1)
     task = PendulumTask(run.action_penalty)
     starts = StartStates(TransitionDataset(task.width, 1), task)
@@ -70,14 +70,14 @@ def execute(run: Run, horizon: int, plans: int) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Run what is missing, then print a table."""
+    """Run what is missing and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--planners", nargs="+", choices=list(PLANNERS), default=list(PLANNERS))
     parser.add_argument("--penalties", nargs="+", type=float, default=[0.0, 0.1, 0.2])
     parser.add_argument("--horizon", type=int, default=200)
     parser.add_argument("--plans", type=int, default=5)
     parser.add_argument("--seed", type=int, default=51)
-    parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
+    parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
     parser.add_argument("--output", type=Path, default=Path("results/swing_up.csv"))
     args = parser.parse_args()
     runs = [Run(name, rho, args.seed) for rho in args.penalties for name in args.planners]

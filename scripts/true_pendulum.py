@@ -1,4 +1,4 @@
-"""The pendulum's own dynamics, for planning without a model error."""
+"""The pendulum's true dynamics, for planning without model error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sb3_hucrl.envs.pendulum import FRICTION, GRAVITY, LENGTH, MASS, TIME_STEP
 
 
 class TruePendulum(Predictor):
-    """What ``HUCRL-Pendulum-v0`` does, for many states at once, differentiable, and without any uncertainty."""
+    """The dynamics of ``HUCRL-Pendulum-v0``: batched, differentiable and without uncertainty."""
 
     def __init__(self) -> None:
         super().__init__(state_dim=2, action_dim=1)

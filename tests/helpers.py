@@ -1,4 +1,4 @@
-"""Independent truths and small settings that several tests share."""
+"""Reference solutions and small settings that several tests share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every algorithm of SB3, sb3-contrib, sbx and this package runs the loop unmodified."""
+"""Every algorithm of SB3, sb3-contrib, SBX and this package trains with the callback, unmodified."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The outer loop: real episodes, refits, search; saving and going on; bad input."""
+"""HUCRLCallback: real episodes, refits and search; saving and resuming; bad input."""
 
 from __future__ import annotations
 

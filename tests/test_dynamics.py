@@ -1,4 +1,4 @@
-"""The contract of all dynamics models."""
+"""What all dynamics models must do."""
 
 import copy
 import math

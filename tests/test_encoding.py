@@ -1,4 +1,4 @@
-"""Input encoding."""
+"""Encoding of states and actions as model inputs."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Exploration strategies: from predictions and hallucinated actions to next states."""
+"""Exploration strategies: next states from predictions and hallucinated actions."""
 
 import pytest
 import torch as th

@@ -1,4 +1,4 @@
-"""What is saved: files of earlier versions go on or say why not, and those of later ones are refused."""
+"""Saved files: those of earlier versions load or say why not, those of later versions are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gaussian processes against their closed form, scikit-learn and GPyTorch's own predictions."""
+"""Gaussian processes against their closed form, scikit-learn and GPyTorch."""
 
 import math
 import pickle

@@ -1,4 +1,4 @@
-"""H-BPTT: its gradient, and its trust in the last policy."""
+"""H-BPTT: its gradient, and its penalty on the divergence from the last policy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""H-MPC: as an algorithm, as the acting policy of another one, and with every strategy and model."""
+"""H-MPC as an algorithm, as the acting policy of another algorithm, and with every strategy and model."""
 
 from __future__ import annotations
 

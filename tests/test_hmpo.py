@@ -1,4 +1,4 @@
-"""The value of an action by one imagined step."""
+"""H-MPO: the value of an action from one imagined step."""
 
 from __future__ import annotations
 

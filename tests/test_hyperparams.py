@@ -1,4 +1,4 @@
-"""The package's own settings, as rl_zoo3 reads them."""
+"""The package's YAML files of hyperparameters, as rl_zoo3 reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""iLQR, against Riccati's solution, finite differences, and a solver for bounded problems."""
+"""iLQR against the Riccati solution, finite differences, and a solver for bounded problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SB3's VecEnv contract, in reality and in imagination."""
+"""ImaginationVecEnv fulfils SB3's VecEnv interface, real and imagined."""
 
 import warnings
 from collections.abc import Callable

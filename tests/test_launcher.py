@@ -1,4 +1,4 @@
-"""The launchers of the paper's figures: killed jobs are tried again, failing ones are reported, nothing is doubled."""
+"""The launchers of the paper's figures: killed jobs are tried again, failed ones reported, and none runs twice."""
 
 from __future__ import annotations
 

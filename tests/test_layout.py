@@ -1,4 +1,4 @@
-"""The rooms of the library: who may import whom, and who may touch what is private to others."""
+"""The layers of the library: which module may import which, and which may use private attributes of others."""
 
 from __future__ import annotations
 

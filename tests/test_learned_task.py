@@ -1,4 +1,4 @@
-"""Learned outcomes and constant context in imagination."""
+"""Learned rewards and terminations, and constant context, in imagination."""
 
 from __future__ import annotations
 

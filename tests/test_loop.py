@@ -1,4 +1,4 @@
-"""The outer loop without SB3: driven by a plain script, and by a search of another kind."""
+"""The outer loop without SB3: in a plain script, and with a search that is not from SB3."""
 
 from __future__ import annotations
 

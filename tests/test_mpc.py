@@ -1,4 +1,4 @@
-"""Planning at every step, on the real environment."""
+"""Planning at every step of the real environment."""
 
 from __future__ import annotations
 

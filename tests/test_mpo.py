@@ -1,4 +1,4 @@
-"""MPO as an SB3 algorithm, without any model."""
+"""MPO as an SB3 algorithm, without a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MPO's duals, against numerical optimisers."""
+"""MPO's dual problems against numerical optimisers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planners by sampling, against problems whose solution is known."""
+"""Planners by sampling, on problems with known solutions."""
 
 from __future__ import annotations
 

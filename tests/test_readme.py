@@ -1,4 +1,4 @@
-"""The README's code does what the README says."""
+"""The README's code works as the README says."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The paper's figures: what is run for them, and what is drawn."""
+"""The paper's figures: their runs and their pictures."""
 
 from __future__ import annotations
 

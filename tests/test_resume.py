@@ -1,4 +1,4 @@
-"""Interrupted trainings lose no real step, and long ones no memory."""
+"""Interrupted training runs lose no real step, and long ones leak no memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SB3's policies and critics in torch, against what SB3's own algorithms say."""
+"""SB3's policies and critics as torch functions, against SB3's own results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The line that every Python start runs: harmless, light, and there once the package is installed."""
+"""The line that Python runs at every start: harmless, fast, and part of the installation."""
 
 from __future__ import annotations
 

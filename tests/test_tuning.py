@@ -1,4 +1,4 @@
-"""``rl_zoo3 train -optimize``: our settings beside the algorithm's, judged on the real environment."""
+"""``rl_zoo3 train -optimize``: tunes the callback's settings too, and evaluates on the real environment."""
 
 from __future__ import annotations
 

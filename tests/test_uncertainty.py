@@ -1,4 +1,4 @@
-"""How unsure the model is of what was done."""
+"""The model's uncertainty along trajectories."""
 
 from pathlib import Path
 

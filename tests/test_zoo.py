@@ -1,4 +1,4 @@
-"""The rl_zoo3 plug-in from the command line, as a user types it."""
+"""The rl_zoo3 plug-in, used from the command line."""
 
 from __future__ import annotations
 

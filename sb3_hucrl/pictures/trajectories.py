@@ -1,4 +1,4 @@
-"""What the pendulum did and what was imagined before, as rows of a CSV."""
+"""Real trajectories of the pendulum, and those imagined before them, as rows of a CSV."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sb3_hucrl.loop import HUCRLState
 def trajectories(state: HUCRLState) -> pd.DataFrame:
     """
     :param state: of a run
-    :return: one row for each step; ``imagined`` episodes have the number of the real one that they came before
+    :return: one row for each step; an imagined episode has the number of the real one that follows it
     """
     parts = [_rows("real", number, episode) for number, episode in enumerate(state.dataset.episodes, 1)]
     imagined = [_rows("imagined", each.real_episode, each.transitions) for each in state.imagined_episodes]
@@ -35,7 +35,7 @@ def _rows(kind: str, number: int, episode: Transitions) -> pd.DataFrame:
 def transitions(rows: pd.DataFrame) -> Transitions:
     """
     :param rows: of one episode
-    :return: all but the last, whose next state is not known
+    :return: all rows but the last, whose next state is not known
     """
     states = th.tensor(rows[["angle", "velocity"]].to_numpy(), dtype=th.float32)
     actions = th.tensor(rows[["action"]].to_numpy(), dtype=th.float32)

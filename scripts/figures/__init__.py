@@ -14,8 +14,8 @@ MEMBERS = {"thompson": "5 members", **{f"thompson_{number}": f"{number} members"
 BETAS = {**STRATEGIES, "optimistic": "H-UCRL, β = 1", "optimistic_beta_3": "H-UCRL, β = 3"}
 NO_BOOTSTRAP = {f"{name}_no_bootstrap": label for name, label in STRATEGIES.items()}
 
-# The paper's text names the penalties of pendulum and cart-pole, and 1 for the half-cheetah; all else is without and
-# with the environment's own.
+# The penalties of pendulum and cart-pole, and 1 for the half-cheetah, are from the paper's text; all others are 0 and
+# the environment's default.
 FIGURES: dict[int, Figure] = {
     5: Bandit(),
     6: Curves("Figure 6: inverted pendulum", PENDULUM, PENALTIES),

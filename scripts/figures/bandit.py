@@ -1,4 +1,4 @@
-"""Figure 5: expected performance gets stuck in the bandit where optimism does not."""
+"""Figure 5: in the bandit, expected performance gets stuck and optimism does not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from matplotlib import pyplot as plt
 #: places and heights of the hills of the objective, and the width of all
 HILLS = {0.2: 0.6, 0.55: 0.3, 0.8: 1.0}
 WIDTH = 0.08
-#: is tried first: on the slope of the first hill
+#: the first point, on the slope of the first hill
 FIRST = 0.15
 STEPS = 20
 BETAS = (0.0, 2.0)
@@ -27,13 +27,13 @@ CANDIDATES = th.linspace(0, 1, 401).unsqueeze(1)
 
 
 def objective(parameters: th.Tensor) -> th.Tensor:
-    """Sum of hills, of parameters (n, 1), shape (n,)."""
+    """The objective, a sum of hills, at parameters of shape (n, 1); shape (n,)."""
     offsets = (parameters - th.tensor(list(HILLS))) / WIDTH
     return th.exp(-0.5 * offsets.square()) @ th.tensor(list(HILLS.values()))
 
 
 class Bandit:
-    """One panel for each β. It takes a second, so nothing is run before."""
+    """One panel for each β. It takes a second, so it needs no runs."""
 
     def jobs(self, seeds: list[int], quick: bool) -> list[Job]:
         """
@@ -47,7 +47,7 @@ class Bandit:
         :param folder: of all results; the CSV is written
         :param seeds: of the noise of the observations; the first is drawn
         :param quick: makes no difference
-        :param picture: is written
+        :param picture: file of the picture to write
         :return: the best value that each β found with each seed
         """
         runs = {(beta, seed): _run(beta, seed) for beta in BETAS for seed in seeds}

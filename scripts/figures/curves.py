@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-#: SAC in JAX, which is faster than PyTorch's with networks as small as these
+#: SAC in JAX, which is faster than in PyTorch with such small networks
 ALGO = "sbx_sac"
 STRATEGIES = {"optimistic": "H-UCRL", "greedy": "greedy", "thompson": "Thompson"}
 
@@ -25,7 +25,7 @@ STRATEGIES = {"optimistic": "H-UCRL", "greedy": "greedy", "thompson": "Thompson"
 def draw_curve(axis: Axes, values: pd.DataFrame, label: str) -> None:
     """
     :param axis: to draw on
-    :param values: index: where; one column for each seed
+    :param values: one row for each real episode (the index), one column for each seed
     :param label: in the legend
     """
     [line] = axis.plot(values.index, values.median(axis=1), marker="o", markersize=3, label=label)
@@ -45,7 +45,7 @@ class Curves:
     :param dynamics: names of the models of the rows
     :param explorations: names of benchmark.py's strategies, and their labels
     :param episodes: real ones, with the random first one
-    :param column: what is drawn
+    :param column: column of the CSV that is drawn
     :param label: of that axis
     :param start_states: name of benchmark.py's start states
     :param solved: return that counts as solved; None where no return is drawn
@@ -67,7 +67,7 @@ class Curves:
     def jobs(self, seeds: list[int], quick: bool) -> list[Experiment]:
         """
         :param seeds: of each curve
-        :param quick: whether to search next to nothing, and with the highest penalty only
+        :param quick: whether to make very short runs, and with the highest penalty only
         """
         return [
             Experiment(Run(ALGO, self.env, exploration, model, penalty, self.start_states, seed), self.episodes, quick)
@@ -81,9 +81,9 @@ class Curves:
         """
         :param folder: of all results
         :param seeds: of each curve
-        :param quick: whether the quick runs are to be drawn
-        :param picture: is written
-        :return: for each curve the first solved episode and the mean of the last three, or the median of each episode
+        :param quick: whether to draw the quick runs
+        :param picture: file of the picture to write
+        :return: for each curve, the first solved episode and the mean of the last three, or the median of each episode
         """
         paths = [each.path(folder) for each in self.jobs(seeds, quick)]
         results = pd.concat([pd.read_csv(path) for path in paths if path.exists()])

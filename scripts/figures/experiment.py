@@ -1,4 +1,4 @@
-"""One training run of a figure, and the CSVs that it leaves."""
+"""A training run of a figure, and the CSVs that it writes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LOGGED = {
     "search_seconds": "time/search_seconds",
     "fit_seconds": "time/fit_seconds",
 }
-#: of the callback, so small that a run shows only that everything works
+#: settings of the callback for quick runs, which only check that everything works
 QUICK_SETTINGS: dict[str, Any] = {"hucrl_imagined_steps": 640, "hucrl_horizon": 10}
 QUICK_EPISODES = 4
 #: of what is logged
@@ -34,7 +34,7 @@ DECIMALS = 4
 
 def write_whole(rows: pd.DataFrame, path: Path) -> None:
     """
-    The file appears at once, so that nobody ever reads half of it.
+    Write a CSV in one step, so that no reader sees half of it.
 
     :param rows: of the CSV
     :param path: is compressed if it ends in .gz
@@ -61,9 +61,9 @@ def run_process(words: list[str], name: str) -> None:
 @dataclass(frozen=True)
 class Experiment:
     """
-    :param run: what is trained
+    :param run: the training run
     :param episodes: real episodes, with the random first one
-    :param quick: search so little that nothing is learned, to see that everything works
+    :param quick: whether to make very short searches, to check that everything works
     :param commit: of the code
     """
 
@@ -74,7 +74,7 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """All that tells it apart."""
+        """A name that is unique to the job."""
         return "-".join(str(value) for value in (*astuple(self.run), self.episodes))
 
     def path(self, folder: Path) -> Path:
@@ -94,7 +94,7 @@ class Experiment:
 
     def execute(self, folder: Path) -> None:
         """
-        Train, unless the CSV is there already.
+        Train, unless the CSV already exists.
 
         :param folder: of all results
         :raises RuntimeError: if training fails

@@ -1,4 +1,4 @@
-"""Figure 20: what optimism finds in an ensemble, and what the best of its members would have allowed."""
+"""Figure 20: imagined returns of optimism in an ensemble, and of its best member."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ IMAGINED_STEPS, QUICK_STEPS = 51_200, 640
 @dataclass(frozen=True)
 class HeadSearch:
     """
-    Searches in the models that a run of figure 6 had, one policy for the ensemble and one for each member.
+    Policy searches in the models of a run of figure 6: one in the ensemble and one in each member.
 
     :param experiment: the run
     """
@@ -35,16 +35,16 @@ class HeadSearch:
 
     @property
     def name(self) -> str:
-        """All that tells it apart."""
+        """A name that is unique to the job."""
         return f"heads-{self.experiment.name}"
 
     def path(self, folder: Path) -> Path:
-        """Where the results are kept."""
+        """File name of the results."""
         return self.experiment.path(folder).with_name(f"{self.name}.csv")
 
     def execute(self, folder: Path) -> None:
         """
-        Search, unless that is done, and first train, unless that is done.
+        Train and then search; what is already done is skipped.
 
         :param folder: of all results
         :raises RuntimeError: if it fails
@@ -80,7 +80,7 @@ class BestHead:
     def jobs(self, seeds: list[int], quick: bool) -> list[HeadSearch]:
         """
         :param seeds: of each curve
-        :param quick: whether to search next to nothing, and with the highest penalty only
+        :param quick: whether to make very short runs, and with the highest penalty only
         """
         return [
             HeadSearch(
@@ -96,8 +96,8 @@ class BestHead:
         """
         :param folder: of all results
         :param seeds: of each curve
-        :param quick: whether the quick runs are to be drawn
-        :param picture: is written
+        :param quick: whether to draw the quick runs
+        :param picture: file of the picture to write
         :return: the imagined returns, for each seed
         """
         paths = [each.path(folder) for each in self.jobs(seeds, quick)]

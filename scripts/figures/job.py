@@ -1,4 +1,4 @@
-"""What figures and the launcher ask of each other."""
+"""The interfaces of jobs and figures."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Protocol
 
 
 class Job(Protocol):
-    """Something that takes minutes, and leaves files in a folder."""
+    """Work that takes minutes and writes files to a folder."""
 
     @property
     def name(self) -> str:
-        """All that tells it apart."""
+        """A name that is unique to the job."""
 
     def path(self, folder: Path) -> Path:
-        """The file that is there once it is done."""
+        """The file that exists once the job is done."""
 
     def execute(self, folder: Path) -> None:
         """
-        Do it, unless it is done.
+        Do the job, unless it is done.
 
         :param folder: of all results
         :raises RuntimeError: if it fails
@@ -28,19 +28,19 @@ class Job(Protocol):
 
 
 class Figure(Protocol):
-    """A picture of the paper, and what has to be run for it."""
+    """A figure of the paper, and the jobs that it needs."""
 
     def jobs(self, seeds: list[int], quick: bool) -> Sequence[Job]:
         """
         :param seeds: of each curve
-        :param quick: whether to search next to nothing
+        :param quick: whether to make very short runs
         """
 
     def draw(self, folder: Path, seeds: list[int], quick: bool, picture: Path) -> str:
         """
         :param folder: of all results
         :param seeds: of each curve
-        :param quick: whether the quick runs are to be drawn
-        :param picture: is written
-        :return: what is to be seen, in numbers
+        :param quick: whether to draw the quick runs
+        :param picture: file of the picture to write
+        :return: the main numbers of the figure
         """

@@ -1,4 +1,4 @@
-"""Independent jobs side by side, here or on a Ray cluster. A killed one is tried again."""
+"""Runs independent jobs in parallel, on this machine or on a Ray cluster. A killed job is tried again."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ RETRIES = 2
 
 def launch(jobs: Sequence[Job], folder: Path, side_by_side: int) -> list[str]:
     """
-    Run jobs as processes of this machine.
+    Run jobs as processes on this machine.
 
     :param jobs: each starts a process of its own
     :param folder: of all results
-    :param side_by_side: how many at a time
+    :param side_by_side: number of parallel jobs
     :return: what went wrong
     """
     with ThreadPoolExecutor(side_by_side) as pool:
@@ -102,7 +102,7 @@ def _execute_elsewhere(job: Job) -> dict[str, bytes]:
 
 
 def _keep(files: dict[str, bytes], job: Job, folder: Path) -> None:
-    # What says that the job is done comes last, so that an interruption leaves nothing out.
+    # The file that marks the job as done is written last, so that an interrupted copy is repeated.
     for name, content in sorted(files.items(), key=lambda file: folder / file[0] == job.path(folder)):
         path = folder / name
         if path.exists():

@@ -1,4 +1,4 @@
-"""Figures 12 to 14: what H-UCRL imagined, and what the pendulum then did."""
+"""Figures 12 to 14: trajectories that H-UCRL imagined, and the real ones that followed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PhaseSpace:
     def jobs(self, seeds: list[int], quick: bool) -> list[Experiment]:
         """
         :param seeds: of the runs, which are those of figure 6
-        :param quick: whether to search next to nothing
+        :param quick: whether to make very short runs
         """
         return [
             Experiment(
@@ -46,8 +46,8 @@ class PhaseSpace:
         """
         :param folder: of all results
         :param seeds: of the runs
-        :param quick: whether the quick runs are to be drawn
-        :param picture: is written
+        :param quick: whether to draw the quick runs
+        :param picture: file of the picture to write
         :return: for each seed and episode the steps upright, imagined and real
         """
         paths = {job.run.seed: job.trajectories_path(folder) for job in self.jobs(seeds, quick)}
