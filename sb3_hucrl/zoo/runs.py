@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -70,7 +71,10 @@ class ZooRun:
         paths = [self.folder / name for name in names if (self.folder / name).is_file()]
         if not paths:
             raise ValueError(f"{self.folder} has none of {list(names)}: no real episode has been finished")
-        return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(), device="cpu")
+        with warnings.catch_warnings():
+            # SB3 says so of every loaded model, whose n-step replay buffer it has made itself.
+            warnings.filterwarnings("ignore", message="`n_steps=")
+            return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(), device="cpu")
 
     def _normalised_env(self) -> VecNormalize | None:
         args, config = self._settings

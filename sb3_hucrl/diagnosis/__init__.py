@@ -1,0 +1,7 @@
+"""Why a run does not learn: what is measured of it, and what the numbers mean."""
+
+from sb3_hucrl.diagnosis.diagnosis import Diagnosis, diagnose
+from sb3_hucrl.diagnosis.picture import draw_diagnosis
+from sb3_hucrl.diagnosis.report import print_diagnosis
+
+__all__ = ["Diagnosis", "diagnose", "draw_diagnosis", "print_diagnosis"]

@@ -1,0 +1,159 @@
+"""Everything that was measured of a run, and what it means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from sb3_hucrl.algorithms import HMPC
+from sb3_hucrl.diagnosis.exploration import ExplorationMeasures, measure_exploration
+from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, compare_returns, measure_imagination
+from sb3_hucrl.diagnosis.model import ModelMeasures, measure_model
+from sb3_hucrl.diagnosis.search import SearchMeasures, measure_search
+from sb3_hucrl.diagnosis.units import Units
+from sb3_hucrl.diagnosis.verdicts import (
+    ENOUGH_EPISODES,
+    Level,
+    Replay,
+    Setup,
+    Verdict,
+    judge_actions,
+    judge_confidence,
+    judge_critic,
+    judge_ends,
+    judge_exploration,
+    judge_gain,
+    judge_many_steps,
+    judge_one_step,
+    judge_promises,
+)
+from sb3_hucrl.dynamics import DynamicsModel
+from sb3_hucrl.loop import Settings
+from sb3_hucrl.sb3 import policy_actor
+from sb3_hucrl.zoo.runs import ZooRun
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """
+    :param setup: of the run
+    :param model: predictions of real episodes
+    :param exploration: what real episodes visited
+    :param imagination: what was promised; None where there is no policy
+    :param search: what it found; None where there is no policy
+    """
+
+    setup: Setup
+    model: ModelMeasures
+    exploration: ExplorationMeasures
+    imagination: ImaginationMeasures | None
+    search: SearchMeasures | None
+
+    @cached_property
+    def verdicts(self) -> dict[str, list[Verdict]]:
+        """By group, in the order of causes: what is imagined with a bad model means nothing."""
+        model, imagination, search, setup = self.model, self.imagination, self.search, self.setup
+        found = {"model": [judge_one_step(model, setup)]}
+        if imagination is not None:
+            found["model"].append(judge_many_steps(model, imagination, setup))
+        found["model"].append(judge_confidence(model, setup))
+        if imagination is not None:
+            found["imagination"] = [judge_promises(imagination, search, setup), judge_ends(imagination, setup)]
+        if search is not None:
+            found["search"] = [judge_gain(search, setup), judge_critic(search, setup), judge_actions(search)]
+        found["exploration"] = [judge_exploration(self.exploration, setup)]
+        return found
+
+    @cached_property
+    def answer(self) -> Verdict:
+        """The most likely cause, and what to change first."""
+        returns = self.exploration.returns
+        earned = f"{returns[-1]:.1f} in the last real episode"
+        if len(returns) < ENOUGH_EPISODES:
+            count = f"only {len(returns)} real episode{'s' * (len(returns) > 1)}"
+            return Verdict(Level.NOTE, f"There is too little to diagnose: {count}. Let it go on.")
+        every = [verdict for group in self.verdicts.values() for verdict in group]
+        causes = [verdict for verdict in every if verdict.level is Level.CAUSE]
+        if self._works or not causes:
+            fine = "imagined returns come true, and the policy earns more than chance and doing nothing"
+            found = f"Nothing is wrong: {fine} ({earned})" if self._works else f"No cause was found ({earned})"
+            return Verdict(Level.FINE, f"{found}. If that is too little, train longer (-n).")
+        return Verdict(Level.CAUSE, f"The most likely cause: {causes[0].sentence}", causes[0].settings)
+
+    @property
+    def _works(self) -> bool:
+        """Then even a bad model is good enough."""
+        judged = [*self.verdicts.get("imagination", []), *self.verdicts.get("search", [])]
+        return bool(judged) and all(verdict.level is not Level.CAUSE for verdict in judged)
+
+
+def diagnose(run: ZooRun) -> Diagnosis:
+    """
+    :param run: finished, running or killed, with at least one real episode
+    """
+    state = run.state
+    loop = run.loop(state)
+    world, units = loop.begin_search(), Units(loop.problem.task)
+    episodes = state.dataset.episodes
+
+    def refit(known: int) -> DynamicsModel:
+        copy = run.loop()
+        for episode in episodes[:known]:
+            copy.state.dataset.append_episode(episode)
+        copy.refit()
+        return copy.state.dynamics
+
+    imagination, search = None, None
+    if not isinstance(run.model, HMPC):
+        promises = compare_returns(episodes, state.imagined_episodes, world.horizon)
+        act = policy_actor(run.model, deterministic=False)
+        imagination = measure_imagination(world, act, state, promises)
+        search = measure_search(run.model, world, state, _entropy_coefficient(run))
+    return Diagnosis(
+        setup=setup_of(run.settings, world.horizon, state.real_episodes, run.model),
+        model=measure_model(episodes, state.dynamics, refit, units, world.horizon),
+        exploration=measure_exploration(state.dataset, units),
+        imagination=imagination,
+        search=search,
+    )
+
+
+def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAlgorithm) -> Setup:
+    """
+    :param settings: of the loop
+    :param horizon: of imagination
+    :param real_episodes: so far
+    :param model: SB3 algorithm
+    """
+    search, dynamics = settings.search, settings.model.dynamics
+    strategy: Any = search.strategy
+    beta = getattr(strategy, "beta", None)
+    return Setup(
+        strategy=type(strategy).__name__.lower(),
+        beta=float(beta) if isinstance(beta, int | float) else None,
+        dynamics=dynamics if isinstance(dynamics, str) else type(dynamics).__name__,
+        horizon=horizon,
+        imagined_steps=search.imagined_steps,
+        uncertainty_cap=search.uncertainty_cap,
+        real_episodes=real_episodes,
+        inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,
+        replay=_replay_of(model),
+    )
+
+
+def _replay_of(model: BaseAlgorithm) -> Replay | None:
+    if not isinstance(model, OffPolicyAlgorithm):
+        return None
+    # Older versions of SB3 have one-step targets only.
+    return Replay(getattr(model, "n_steps", 1), model.tau, model.gradient_steps)
+
+
+def _entropy_coefficient(run: ZooRun) -> float | None:
+    if "train/ent_coef" not in run.progress:
+        return None
+    values = run.progress["train/ent_coef"].dropna()
+    return float(values.iloc[-1]) if len(values) else None
