@@ -33,6 +33,7 @@ from sb3_hucrl.diagnosis.verdicts import (
 )
 from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.loop import Settings
+from sb3_hucrl.loop.loop import FEW_STEPS, IMAGINED_PER_REAL
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.zoo.runs import ZooRun
 
@@ -137,7 +138,7 @@ def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAl
         beta=float(beta) if isinstance(beta, int | float) else None,
         dynamics=dynamics if isinstance(dynamics, str) else type(dynamics).__name__,
         horizon=horizon,
-        imagined_steps=search.imagined_steps,
+        imagined_steps=search.imagined_steps or IMAGINED_PER_REAL * max(FEW_STEPS, horizon),
         uncertainty_cap=search.uncertainty_cap,
         real_episodes=real_episodes,
         inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,

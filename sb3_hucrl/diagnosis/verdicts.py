@@ -115,7 +115,7 @@ def judge_one_step(model: ModelMeasures, setup: Setup) -> Verdict:
     if fitted < POOR_R2:
         return Verdict(
             Level.CAUSE,
-            f"The model does not predict the next state even where it has learned it (R² {fitted:.2f} on its own data): "
+            f"The model does not predict the next state even where it has learned it (R² {fitted:.2f} on its data): "
             "it is too small or trained too little, or the next state does not follow from what is observed.",
             _stronger_model(setup),
         )
