@@ -40,6 +40,29 @@ Pendulum-v1:
   callback:
     sb3_hucrl.HUCRLCallback: {horizon: 20, imagined_steps: 320, dynamics_kwargs: {gradient_steps: 20}}
 """
+#: a package of the user's, which knows nothing of this one
+OWN_PACKAGE = """
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import register
+
+class Slide(gym.Env):
+    observation_space = gym.spaces.Box(-10, 10, (2,), np.float32)
+    action_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.state = self.np_random.uniform(-1, 1, 2).astype(np.float32)
+        return self.state, {}
+
+    def step(self, action):
+        assert action.shape == (1,)
+        place, speed = self.state
+        self.state = np.clip([place + 0.1 * speed, speed + action[0]], -10, 10).astype(np.float32)
+        return self.state, -float(abs(place)), False, False, {}
+
+register("Slide-v0", entry_point="my_package:Slide", max_episode_steps=50)
+"""
 
 
 def run(*command: str, cwd: Path, **env: str) -> str:
@@ -88,6 +111,40 @@ def test_hmpc_trains_and_enjoys_without_a_policy(tmp_path: Path) -> None:
     folder = tmp_path / "logs" / "hmpc" / f"{ENV_ID}_1"
     assert load_results(str(folder)).l.tolist() == [400, 400]
     assert "Episode Reward" in run(ZOO, "enjoy", *hmpc, "--no-render", "-f", "logs", "-n", "400", cwd=tmp_path)
+
+
+def test_any_environment_of_gymnasium_trains_enjoys_and_goes_on(tmp_path: Path) -> None:
+    hopper = ["--algo", "sac", "--env", "HUCRL-Hopper-v5"]
+    output = run(ZOO, "train", *hopper, *SMALL, cwd=tmp_path)
+    assert "Using 'default' hyperparameters" in output
+    folder = tmp_path / "logs" / "sac" / "HUCRL-Hopper-v5_1"
+    assert len(load_results(str(folder))) == 3
+    assert ZooRun(folder).world().horizon == 20
+    assert "Episode Reward" in run(ZOO, "enjoy", *hopper, "--no-render", "-f", "logs", cwd=tmp_path)
+    run(ZOO, "train", *hopper, *SMALL, "-i", str(folder / "checkpoint.zip"), cwd=tmp_path)
+    assert (folder.parent / "HUCRL-Hopper-v5_2" / "HUCRL-Hopper-v5.zip").exists()
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+def test_any_environment_of_a_user_s_package_trains(tmp_path: Path, vec_env: str) -> None:
+    (tmp_path / "my_package.py").write_text(OWN_PACKAGE)
+    path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    command = [ZOO, "train", "--algo", "sac", "--env", "HUCRL-Slide-v0", "--gym-packages", "my_package", *SMALL]
+    run(*command, "--vec-env", vec_env, cwd=tmp_path, PYTHONPATH=path)
+    assert load_results(str(tmp_path / "logs" / "sac" / "HUCRL-Slide-v0_1")).l.tolist() == [50, 50, 50]
+
+
+def test_an_environment_without_continuous_actions_ends_the_command_with_one_line(tmp_path: Path) -> None:
+    command = [ZOO, "train", "--algo", "sac", "--env", "HUCRL-CartPole-v1", "--vec-env", "subproc"]
+    with pytest.raises(AssertionError, match="there is no HUCRL-CartPole-v1: the action space is Discrete") as error:
+        run(*command, cwd=tmp_path)
+    assert "Traceback" not in str(error.value)
+    assert not (tmp_path / "logs").exists()
+
+
+def test_our_algorithms_name_the_id_that_they_have_hyperparameters_for(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="train it on HUCRL-Hopper-v5"):
+        run(ZOO, "train", "--algo", "mpo", "--env", "Hopper-v5", cwd=tmp_path)
 
 
 def test_the_run_keeps_the_settings_in_the_callback_s_entry(trained: Path) -> None:

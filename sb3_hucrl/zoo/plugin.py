@@ -33,8 +33,9 @@ def _use_our_hyperparameters(manager: ExperimentManager, algo: str, config: str 
     hallucinates = env_id.startswith(TWIN_PREFIX)
     if config is not None or not hyperparams.is_file() or not (hallucinates or algo in OUR_ALGORITHMS):
         return
-    if not hallucinates and env_id not in yaml.safe_load(hyperparams.read_text()):
-        # rl_zoo3 would take those for all environments, which need room for a′.
+    entries = yaml.safe_load(hyperparams.read_text())
+    if not hallucinates and env_id not in entries and "default" in entries:
+        # rl_zoo3 would take the default entry, which needs room for a′.
         raise ValueError(
             f"{algo} has no hyperparameters for {env_id}: train it on {TWIN_PREFIX}{env_id}, or name a file of your "
             "own with -conf"
