@@ -1,11 +1,11 @@
 """The start-up hook of the rl_zoo3 plug-in."""
 
 # setup.py turns this file into the one line of sb3_hucrl_zoo.pth, which Python runs at every start. So it imports
-# only modules that are already loaded, uses only builtins, and never raises.
+# nothing that is not loaded by then, keeps to builtins, and never raises.
 import os
 import sys
 
-TYPE_CHECKING = False  # mypy treats it as True; importing typing would take time
+TYPE_CHECKING = False  # mypy takes it for True, and typing would be an import
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from importlib.machinery import ModuleSpec
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ZooFinder:
-    """Waits for the import of rl_zoo3's experiment manager, then loads the plug-in. It finds no modules itself."""
+    """Waits for rl_zoo3's experiment manager to be imported, then loads the plug-in. Finds nothing itself."""
 
     def find_spec(
         self, name: str, path: "Sequence[str] | None" = None, target: "ModuleType | None" = None
