@@ -248,7 +248,7 @@ def test_registering_again_replaces_the_twin() -> None:
     assert steps_until_truncated(gym.make("HUCRL-Slide-v0")) == 7
     del gym.registry["Slide-v0"]
     register_envs()
-    assert "HUCRL-Slide-v0" not in gym.registry
+    assert "HUCRL-Nowhere-v0" not in gym.registry
 
 
 def test_an_environment_of_the_user_s_own_goes_before_a_twin() -> None:
@@ -268,8 +268,8 @@ def test_an_environment_of_the_user_s_own_goes_before_a_twin() -> None:
 
 def test_what_gymnasium_says_of_a_wrong_registration_stays() -> None:
     with pytest.raises(ValueError, match="must be provided"):
-        register("Slide-v0")
-    assert "HUCRL-Slide-v0" not in gym.registry
+        register("Nowhere-v0")
+    assert "HUCRL-Nowhere-v0" not in gym.registry
 
 
 def test_a_script_can_catch_up_with_what_it_registered_otherwise() -> None:

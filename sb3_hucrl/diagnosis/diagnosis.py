@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
-
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures, measure_exploration
 from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, compare_returns, measure_imagination
 from sb3_hucrl.diagnosis.model import ModelMeasures, measure_model
 from sb3_hucrl.diagnosis.search import SearchMeasures, measure_search
+from sb3_hucrl.diagnosis.setup import Setup, setup_of
 from sb3_hucrl.diagnosis.units import Units
+from sb3_hucrl.diagnosis.verdict import Level, Verdict
 from sb3_hucrl.diagnosis.verdicts import (
     ENOUGH_EPISODES,
-    Level,
-    Replay,
-    Setup,
-    Verdict,
     judge_actions,
     judge_confidence,
     judge_critic,
@@ -32,8 +26,6 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_promises,
 )
 from sb3_hucrl.dynamics import DynamicsModel
-from sb3_hucrl.loop import Settings
-from sb3_hucrl.loop.loop import FEW_STEPS, IMAGINED_PER_REAL
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.zoo.runs import ZooRun
 
@@ -121,36 +113,6 @@ def diagnose(run: ZooRun) -> Diagnosis:
         imagination=imagination,
         search=search,
     )
-
-
-def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAlgorithm) -> Setup:
-    """
-    :param settings: of the loop
-    :param horizon: of imagination
-    :param real_episodes: so far
-    :param model: SB3 algorithm
-    """
-    search, dynamics = settings.search, settings.model.dynamics
-    strategy: Any = search.strategy
-    beta = getattr(strategy, "beta", None)
-    return Setup(
-        strategy=type(strategy).__name__.lower(),
-        beta=float(beta) if isinstance(beta, int | float) else None,
-        dynamics=dynamics if isinstance(dynamics, str) else type(dynamics).__name__,
-        horizon=horizon,
-        imagined_steps=search.imagined_steps or IMAGINED_PER_REAL * max(FEW_STEPS, horizon),
-        uncertainty_cap=search.uncertainty_cap,
-        real_episodes=real_episodes,
-        inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,
-        replay=_replay_of(model),
-    )
-
-
-def _replay_of(model: BaseAlgorithm) -> Replay | None:
-    if not isinstance(model, OffPolicyAlgorithm):
-        return None
-    # Older versions of SB3 have one-step targets only.
-    return Replay(getattr(model, "n_steps", 1), model.tau, model.gradient_steps)
 
 
 def _entropy_coefficient(run: ZooRun) -> float | None:

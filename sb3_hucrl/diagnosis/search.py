@@ -66,6 +66,18 @@ class SearchMeasures:
         scale = max(abs(self.random - self.nothing), 0.1 * abs(self.mode), 1e-6)
         return (self.mode - max(self.random, self.nothing)) / scale
 
+    @property
+    def value_error(self) -> float:
+        """
+        How wrong the critic is, as a fraction of the values or, where they are small, of what acting at random costs or
+        earns; 0 where there is no critic.
+        """
+        critic = self.critic
+        if critic is None:
+            return 0.0
+        scale = max(abs(critic.value), abs(critic.earned), critic.spread, abs(self.random - self.nothing), 1e-6)
+        return abs(critic.value - critic.earned) / scale
+
 
 def measure_search(
     model: BaseAlgorithm, world: World, state: HUCRLState, entropy_coefficient: float | None

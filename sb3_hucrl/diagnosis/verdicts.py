@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum
-
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures
 from sb3_hucrl.diagnosis.imagination import LATEST, ImaginationMeasures
 from sb3_hucrl.diagnosis.model import ModelMeasures, middle, worst
 from sb3_hucrl.diagnosis.search import SearchMeasures
+from sb3_hucrl.diagnosis.setup import Setup, faster_values, longer_search, more_hope, more_members, stronger_model
+from sb3_hucrl.diagnosis.verdict import Level, Verdict
 
 #: one-step R² below which a model has not learned the dynamics
 POOR_R2 = 0.7
@@ -34,75 +33,10 @@ WRONG_VALUE = 0.5
 NOTHING_NEW = 0.02
 #: fraction of the way from the worst to the best return so far above which the latest episodes are good ones
 NEAR_THE_BEST = 0.5
-#: horizon from which on a reward may be too far away for one-step targets
-FAR_AWAY = 100
 #: real episodes from which on there is something to diagnose
 ENOUGH_EPISODES = 3
 #: with fewer, more random episodes are the first thing to try
 FEW_EPISODES = 5
-
-
-class Level(Enum):
-    """How much a verdict explains."""
-
-    FINE = "fine"
-    NOTE = "worth a look"
-    CAUSE = "a cause"
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """
-    :param level: how much it explains
-    :param sentence: what is so
-    :param settings: to change, in the spelling of ``-params``, the first first
-    """
-
-    level: Level
-    sentence: str
-    settings: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Replay:
-    """
-    How fast an off-policy algorithm learns values.
-
-    :param n_steps: of its targets
-    :param tau: of its target networks
-    :param gradient_steps: at each step of all environments; below 1 for one for each of them
-    """
-
-    n_steps: int
-    tau: float
-    gradient_steps: int
-
-
-@dataclass(frozen=True)
-class Setup:
-    """
-    The settings that verdicts name.
-
-    :param strategy: name of the exploration
-    :param beta: of optimism, where it is a number
-    :param dynamics: name of the model
-    :param horizon: of imagination
-    :param imagined_steps: between real episodes
-    :param uncertainty_cap: at which trajectories end
-    :param real_episodes: so far
-    :param inflated_starts: whether imagination also starts beyond the visited states
-    :param replay: of an off-policy algorithm; None of others
-    """
-
-    strategy: str
-    beta: float | None
-    dynamics: str
-    horizon: int
-    imagined_steps: int
-    uncertainty_cap: float | None
-    real_episodes: int
-    inflated_starts: bool
-    replay: Replay | None
 
 
 def judge_one_step(model: ModelMeasures, setup: Setup) -> Verdict:
@@ -115,9 +49,9 @@ def judge_one_step(model: ModelMeasures, setup: Setup) -> Verdict:
     if fitted < POOR_R2:
         return Verdict(
             Level.CAUSE,
-            f"The model does not predict the next state even where it has learned it (R² {fitted:.2f} on its data): "
-            "it is too small or trained too little, or the next state does not follow from what is observed.",
-            _stronger_model(setup),
+            f"The model does not predict the next state even of its own data (R² {fitted:.2f}): it is too small or "
+            "trained too little, or the next state does not follow from what is observed.",
+            stronger_model(setup),
         )
     if unseen < POOR_R2:
         return Verdict(
@@ -128,12 +62,6 @@ def judge_one_step(model: ModelMeasures, setup: Setup) -> Verdict:
         )
     worst_name = f"{model.names[dim]} is the worst, {float(latest.r2[dim]):.2f}"
     return Verdict(Level.FINE, f"The model predicts the next state of a new episode: R² {unseen:.2f} ({worst_name}).")
-
-
-def _stronger_model(setup: Setup) -> tuple[str, ...]:
-    if "ensemble" in setup.dynamics:
-        return ("hucrl_dynamics__gradient_steps:2000", "hucrl_dynamics__net_arch:'[200,200]'")
-    return ("hucrl_dynamics:\"'ensemble'\"",)
 
 
 def judge_many_steps(model: ModelMeasures, imagination: ImaginationMeasures, setup: Setup) -> Verdict:
@@ -178,12 +106,8 @@ def judge_confidence(model: ModelMeasures, setup: Setup) -> Verdict:
         Level.NOTE,
         f"The model is overconfident: {said} (68% and 95% are right), so that the truth may lie outside of what "
         "optimism tries.",
-        ("hucrl_dynamics__recalibrate:True", *_more_members(setup)),
+        ("hucrl_dynamics__recalibrate:True", *more_members(setup)),
     )
-
-
-def _more_members(setup: Setup) -> tuple[str, ...]:
-    return ("hucrl_dynamics__num_members:10",) if "ensemble" in setup.dynamics else ()
 
 
 def judge_promises(imagination: ImaginationMeasures, search: SearchMeasures | None, setup: Setup) -> Verdict:
@@ -206,7 +130,7 @@ def judge_promises(imagination: ImaginationMeasures, search: SearchMeasures | No
     return Verdict(
         Level.CAUSE,
         f"Imagination earns what reality does not ({said}): the policy exploits the model's mistakes.",
-        ("hucrl_uncertainty_cap:2", *_more_members(setup)),
+        ("hucrl_uncertainty_cap:2", *more_members(setup)),
     )
 
 
@@ -240,38 +164,24 @@ def judge_gain(search: SearchMeasures, setup: Setup) -> Verdict:
     said = f"{search.mode:.1f} in imagination, random actions {search.random:.1f}, doing nothing {search.nothing:.1f}"
     if search.gain >= NO_GAIN:
         return Verdict(Level.FINE, f"The search has found something: its policy earns {said}.")
+    if search.value_error >= WRONG_VALUE:
+        return Verdict(
+            Level.CAUSE,
+            f"The search ends before it has found anything: its policy earns {said}, and its critic does not know it.",
+            (longer_search(setup), *faster_values(setup)),
+        )
     if search.effort < IDLE:
         return Verdict(
             Level.CAUSE,
             f"The policy has given up: it hardly acts ({search.effort:.0%} of the actions' bounds), and earns {said}; "
             "nothing that was imagined pays for the way there.",
-            _more_hope(setup),
+            more_hope(setup),
         )
     return Verdict(
         Level.CAUSE,
         f"The search finds nothing in imagination: its policy earns {said}.",
-        (f"hucrl_imagined_steps:{2 * setup.imagined_steps}", *_faster_values(setup)),
+        (longer_search(setup), *faster_values(setup)),
     )
-
-
-def _more_hope(setup: Setup) -> tuple[str, ...]:
-    # A sparse reward has to be met in imagination at least once, by hope or by the start states.
-    wider = "hucrl_start_states:\"{'initial': 1, 'visited': 1, 'inflated': 1}\""
-    starts = () if setup.inflated_starts else (wider,)
-    if setup.strategy == "optimistic":
-        return (f"hucrl_exploration__beta:{3 * (setup.beta or 1.0):g}", *starts)
-    return ("hucrl_exploration:\"'optimistic'\"", *starts)
-
-
-def _faster_values(setup: Setup) -> tuple[str, ...]:
-    # n-step targets carry a value back over long ways; on-policy algorithms have them anyway.
-    replay = setup.replay
-    if replay is None:
-        return ("n_epochs:20",)
-    far = ("n_steps:8",) if setup.horizon > FAR_AWAY and replay.n_steps < 8 else ()
-    fast = ("tau:0.02",) if replay.tau < 0.02 else ()
-    more = (f"gradient_steps:{2 * replay.gradient_steps}",) if replay.gradient_steps > 0 else ()
-    return (*far, *fast, *more)
 
 
 def judge_critic(search: SearchMeasures, setup: Setup) -> Verdict:
@@ -279,15 +189,14 @@ def judge_critic(search: SearchMeasures, setup: Setup) -> Verdict:
     critic = search.critic
     if critic is None:
         return Verdict(Level.NOTE, "The algorithm has no critic that can be asked.")
-    scale = max(abs(critic.value), abs(critic.earned), critic.spread, 1e-6)
     said = f"{critic.value:.1f} of start states, where {critic.earned:.1f} is earned"
-    if abs(critic.value - critic.earned) / scale < WRONG_VALUE:
+    if search.value_error < WRONG_VALUE:
         return Verdict(Level.FINE, f"The critic says what the policy earns: {said}.")
     way = "more than" if critic.value > critic.earned else "less than"
     return Verdict(
         Level.NOTE,
         f"The critic promises {way} the policy earns in imagination ({said}, discounted): the values have not arrived.",
-        _faster_values(setup),
+        faster_values(setup),
     )
 
 
@@ -316,5 +225,5 @@ def judge_exploration(exploration: ExplorationMeasures, setup: Setup) -> Verdict
     return Verdict(
         Level.NOTE,
         f"{said[0].upper()}{said[1:]}, and they earn less than earlier ones: the model learns nothing more.",
-        _more_hope(setup),
+        more_hope(setup),
     )
