@@ -184,7 +184,7 @@ def imagination_of(imagined: float, real: float, capped: float = 0.0, terminated
 
 
 def search_of(mode: float = 100.0, effort: float = 0.5, unsteered: float = 100.0) -> SearchMeasures:
-    return SearchMeasures(mode, unsteered, -50.0, 0.0, effort, 0.2, None, CriticMeasures(10.0, 10.0, 1.0))
+    return SearchMeasures(mode, unsteered, -50.0, 0.0, effort, 0.2, None, CriticMeasures(10.0, 10.0, 1.0, 1_000.0))
 
 
 BROKEN, KEPT = imagination_of(100.0, -50.0), imagination_of(100.0, 95.0)
@@ -201,12 +201,14 @@ def test_one_step() -> None:
 
 
 def test_many_steps_matter_where_promises_break() -> None:
-    assert judge_many_steps(model_of(unseen()), BROKEN, SETUP).level is Level.FINE
-    assert judge_many_steps(LOST, KEPT, SETUP).level is Level.NOTE
-    verdict = judge_many_steps(LOST, BROKEN, SETUP)
+    assert judge_many_steps(model_of(unseen()), BROKEN, search_of(), SETUP).level is Level.FINE
+    assert judge_many_steps(LOST, KEPT, search_of(), SETUP).level is Level.NOTE
+    verdict = judge_many_steps(LOST, BROKEN, search_of(), SETUP)
     assert verdict.level is Level.CAUSE
     assert verdict.settings[0] == "hucrl_horizon:5"
     assert "5 of 50 steps" in verdict.sentence
+    hoped = judge_many_steps(LOST, BROKEN, search_of(unsteered=-40.0), SETUP)
+    assert hoped.settings[:2] == ("hucrl_exploration__beta:0.1", "hucrl_horizon:5")
 
 
 def test_confidence() -> None:
@@ -243,7 +245,7 @@ def test_gain() -> None:
 
 
 def test_a_policy_that_rests_before_its_values_arrive_wants_a_longer_search() -> None:
-    early = replace(search_of(mode=0.0, effort=0.01), critic=CriticMeasures(8.0, -80.0, 1.0))
+    early = replace(search_of(mode=0.0, effort=0.01), critic=CriticMeasures(8.0, -80.0, 1.0, 1_000.0))
     verdict = judge_gain(early, SETUP)
     assert (verdict.level, verdict.settings[0]) == (Level.CAUSE, "hucrl_imagined_steps:25600")
     assert "before" in verdict.sentence
@@ -251,10 +253,12 @@ def test_a_policy_that_rests_before_its_values_arrive_wants_a_longer_search() ->
 
 def test_critic() -> None:
     assert judge_critic(search_of(), SETUP).level is Level.FINE
-    wrong = replace(search_of(), critic=CriticMeasures(100.0, 10.0, 1.0))
+    wrong = replace(search_of(), critic=CriticMeasures(100.0, 10.0, 1.0, 1_000.0))
     slow = replace(SETUP, horizon=400, replay=Replay(1, 0.005, 1))
     assert judge_critic(wrong, slow).settings == ("n_steps:8", "tau:0.02", "gradient_steps:2")
     assert judge_critic(wrong, replace(SETUP, replay=None, epochs=10)).settings == ("n_epochs:20",)
+    diverged = judge_critic(replace(search_of(), critic=CriticMeasures(1e8, 2e8, 1.0, 1_000.0)), SETUP)
+    assert (diverged.level, diverged.settings[0]) == (Level.CAUSE, "hucrl_exploration__beta:0.1")
 
 
 def test_actions() -> None:

@@ -52,7 +52,7 @@ class Diagnosis:
         model, imagination, search, setup = self.model, self.imagination, self.search, self.setup
         found = {"model": [judge_one_step(model, setup)]}
         if imagination is not None:
-            found["model"].append(judge_many_steps(model, imagination, setup))
+            found["model"].append(judge_many_steps(model, imagination, search, setup))
         found["model"].append(judge_confidence(model, setup))
         if imagination is not None:
             found["imagination"] = [judge_promises(imagination, search, setup), judge_ends(imagination, setup)]
@@ -70,6 +70,8 @@ class Diagnosis:
             count = f"only {len(returns)} real episode{'s' * (len(returns) > 1)}"
             return Verdict(Level.NOTE, f"There is too little to diagnose: {count}. Let it go on.")
         every = [verdict for group in self.verdicts.values() for verdict in group]
+        # A critic that has diverged says for sure why nothing is learned, whatever else is wrong.
+        every = [*([judge_critic(self.search, self.setup)] if self.search is not None else []), *every]
         causes = [verdict for verdict in every if verdict.level is Level.CAUSE]
         if self._works or not causes:
             fine = "imagined returns come true, and the policy earns more than chance and doing nothing"

@@ -26,11 +26,13 @@ class CriticMeasures:
     :param earned: discounted return of the policy from there, with the critic's value of where imagination stops and
         the entropy that the algorithm aims at; mean
     :param spread: standard deviation of what single trajectories earn
+    :param bound: what the largest imagined reward would earn for ever
     """
 
     value: float
     earned: float
     spread: float
+    bound: float
 
 
 @dataclass(frozen=True)
@@ -156,10 +158,11 @@ def _measure_critic(model: BaseAlgorithm, world: World, entropy_coefficient: flo
     observations, first = trajectories.reset(), np.ones(JUDGED, dtype=np.bool_)
     start = value(th.as_tensor(observations, device=device)).cpu().numpy()
     entropy = entropy_coefficient * float(getattr(model, "target_entropy", 0.0))
-    earned, running, discount = np.zeros(JUDGED), first.copy(), 1.0
+    earned, running, discount, largest = np.zeros(JUDGED), first.copy(), 1.0, 0.0
     while running.any():
         step = trajectories.step(act(observations, first))
         earned[running] += discount * (step.rewards[running] + entropy)
+        largest = max(largest, float(np.abs(step.rewards[running]).max()) + abs(entropy))
         discount *= gamma
         stopped = running & step.truncated & ~step.terminated
         if stopped.any():
@@ -167,4 +170,5 @@ def _measure_critic(model: BaseAlgorithm, world: World, entropy_coefficient: flo
             earned[stopped] += discount * rest[stopped]
         running &= ~(step.terminated | step.truncated)
         observations, first = step.observations, np.zeros_like(first)
-    return CriticMeasures(float(start.mean()), float(earned.mean()), float(earned.std()))
+    bound = largest / (1 - gamma) if gamma < 1 else float("inf")
+    return CriticMeasures(float(start.mean()), float(earned.mean()), float(earned.std()), bound)

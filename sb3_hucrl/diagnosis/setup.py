@@ -109,6 +109,25 @@ def more_members(setup: Setup) -> tuple[str, ...]:
     return ("hucrl_dynamics__num_members:10",) if "ensemble" in setup.dynamics else ()
 
 
+def less_hope(setup: Setup) -> tuple[str, ...]:
+    """
+    Of a policy that hopes for what is not true.
+
+    :param setup: of the run
+    """
+    return (f"hucrl_exploration__beta:{(setup.beta or 1.0) / 10:g}",) if setup.strategy == "optimistic" else ()
+
+
+def calmer_values(setup: Setup) -> tuple[str, ...]:
+    """
+    Of values that diverge.
+
+    :param setup: of the run
+    """
+    slow = ("tau:0.005",) if setup.replay is not None and setup.replay.tau > 0.005 else ()
+    return (*less_hope(setup), "learning_rate:3e-4", *slow)
+
+
 def longer_search(setup: Setup) -> str:
     """
     Of a search that has found nothing.

@@ -6,7 +6,16 @@ from sb3_hucrl.diagnosis.exploration import ExplorationMeasures
 from sb3_hucrl.diagnosis.imagination import LATEST, ImaginationMeasures
 from sb3_hucrl.diagnosis.model import ModelMeasures, middle, worst
 from sb3_hucrl.diagnosis.search import SearchMeasures
-from sb3_hucrl.diagnosis.setup import Setup, faster_values, longer_search, more_hope, more_members, stronger_model
+from sb3_hucrl.diagnosis.setup import (
+    Setup,
+    calmer_values,
+    faster_values,
+    less_hope,
+    longer_search,
+    more_hope,
+    more_members,
+    stronger_model,
+)
 from sb3_hucrl.diagnosis.verdict import Level, Verdict
 
 #: one-step R² below which a model has not learned the dynamics
@@ -29,6 +38,8 @@ IDLE = 0.1
 SATURATED_POLICY = 0.9
 #: difference of the critic and what is earned from which its values are not to be believed
 WRONG_VALUE = 0.5
+#: multiple of what the largest imagined reward could ever earn, from which on a critic has diverged
+DIVERGED = 2.0
 #: fraction of new cells below which an episode shows nothing new
 NOTHING_NEW = 0.02
 #: fraction of the way from the worst to the best return so far above which the latest episodes are good ones
@@ -64,7 +75,9 @@ def judge_one_step(model: ModelMeasures, setup: Setup) -> Verdict:
     return Verdict(Level.FINE, f"The model predicts the next state of a new episode: R² {unseen:.2f} ({worst_name}).")
 
 
-def judge_many_steps(model: ModelMeasures, imagination: ImaginationMeasures, setup: Setup) -> Verdict:
+def judge_many_steps(
+    model: ModelMeasures, imagination: ImaginationMeasures, search: SearchMeasures | None, setup: Setup
+) -> Verdict:
     """Whether imagination's horizon is longer than the model can see. A broken promise shows that it matters."""
     latest = model.latest
     if latest is None:
@@ -81,14 +94,15 @@ def judge_many_steps(model: ModelMeasures, imagination: ImaginationMeasures, set
             "motion no model does better.",
         )
     more_data = ("hucrl_initial_episodes:5",) if setup.real_episodes <= FEW_EPISODES else ()
-    less_hope = ("hucrl_exploration__beta:0.1",) if setup.strategy == "optimistic" else ()
+    nearer = (f"hucrl_horizon:{max(trusted, 1)}",)
     hope = "optimism over" if setup.strategy == "optimistic" else "imagining"
     return Verdict(
         Level.CAUSE,
         f"Imagination earns what reality does not, because the model is lost before imagination ends: it {kept} (after "
         f"{setup.horizon} they are {error:.1f} standard deviations apart). {setup.real_episodes} real episodes are too "
         f"little data for {hope} {setup.horizon} steps.",
-        (f"hucrl_horizon:{max(trusted, 1)}", *more_data, *less_hope),
+        # A shorter horizon alone leaves the hope: the critic carries it on from step to step.
+        (*less_hope(setup), *nearer, *more_data) if _made_by_optimism(search) else (*nearer, *more_data),
     )
 
 
@@ -119,13 +133,13 @@ def judge_promises(imagination: ImaginationMeasures, search: SearchMeasures | No
     said = f"{last.imagined:.1f} imagined and {last.real:.1f} earned in episode {last.episode}"
     if gap < BROKEN_PROMISE:
         return Verdict(Level.FINE, f"Imagined returns come true ({said}).")
-    if setup.strategy == "optimistic" and search is not None and _made_by_optimism(search):
+    if search is not None and _made_by_optimism(search):
         return Verdict(
             Level.CAUSE,
             f"Imagination earns what reality does not ({said}), and what it earns is hoped for: without hallucination "
             f"the policy would earn {search.unsteered:.1f} in imagination instead of {search.mode:.1f}. Optimism is "
             "wider than this much data can correct.",
-            (f"hucrl_exploration__beta:{(setup.beta or 1.0) / 10:g}",),
+            less_hope(setup),
         )
     return Verdict(
         Level.CAUSE,
@@ -134,7 +148,9 @@ def judge_promises(imagination: ImaginationMeasures, search: SearchMeasures | No
     )
 
 
-def _made_by_optimism(search: SearchMeasures) -> bool:
+def _made_by_optimism(search: SearchMeasures | None) -> bool:
+    if search is None:
+        return False
     base = max(search.random, search.nothing)
     return search.mode - search.unsteered > MADE_BY_OPTIMISM * abs(search.mode - base)
 
@@ -189,6 +205,13 @@ def judge_critic(search: SearchMeasures, setup: Setup) -> Verdict:
     critic = search.critic
     if critic is None:
         return Verdict(Level.NOTE, "The algorithm has no critic that can be asked.")
+    if abs(critic.value) > DIVERGED * critic.bound:
+        return Verdict(
+            Level.CAUSE,
+            f"The critic has diverged: it values start states at {critic.value:.3g}, and the largest imagined reward, "
+            f"at every step, would be worth {critic.bound:.3g}.",
+            calmer_values(setup),
+        )
     said = f"{critic.value:.1f} of start states, where {critic.earned:.1f} is earned"
     if search.value_error < WRONG_VALUE:
         return Verdict(Level.FINE, f"The critic says what the policy earns: {said}.")
