@@ -31,8 +31,8 @@ def main() -> None:
     print_diagnosis(diagnosis, console)
     draw_diagnosis(diagnosis, str(args.run), output)
     console.print(
-        f"\nThe columns of 'Model' are fresh copies of it, at most {MAX_REFITS}, fitted with the run's settings to the "
-        f"episodes before.\nPicture: {output}",
+        f"\nThe columns of 'Model' are fresh copies of it, {MAX_REFITS} at most, fitted with the run's settings to the "
+        f"episodes before.\nErrors are in standard deviations of the state. Picture: {output}",
         soft_wrap=True,
     )
 

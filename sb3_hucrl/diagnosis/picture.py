@@ -64,7 +64,7 @@ def _many_steps(axis: Axes, diagnosis: Diagnosis) -> None:
     axis.axhline(TRUSTED_ERROR, color="C3", linestyle="--", label="beyond: lost")
     axis.set(title="Error along the real actions", xlabel="steps ahead", ylabel="standard deviations of the state")
     axis.set(xscale="log", yscale="log")
-    axis.legend(fontsize=8, loc="lower right")
+    axis.legend(fontsize=8)
 
 
 def _promises(axis: Axes, diagnosis: Diagnosis) -> None:
@@ -101,7 +101,9 @@ def _search(axis: Axes, diagnosis: Diagnosis) -> None:
     axis.bar_label(drawn, fmt="%.1f", fontsize=8, padding=3)
     axis.axhline(0, color="0.3", linewidth=0.8)
     axis.tick_params(axis="x", labelsize=8)
-    axis.margins(y=0.15)
+    low, high = min(0.0, *bars.values()), max(0.0, *bars.values())
+    room = 0.15 * (high - low or 1.0)
+    axis.set_ylim(low - room, high + room)
 
 
 def _actions(axis: Axes, diagnosis: Diagnosis) -> None:

@@ -66,21 +66,19 @@ def _table(*columns: str) -> Table:
 
 def _model_table(model: ModelMeasures, horizon: int) -> Table:
     shown = model.unseen
-    table = _table("predicts episode, from those before it", *(str(each.episode) for each in shown), "its own data")
+    table = _table("predicts episode", *(str(each.episode) for each in shown), "its own data")
     table.add_row("R² of one step", *(f"{middle(each.r2):.2f}" for each in shown), f"{middle(model.fitted_r2):.2f}")
     dims = [worst(each.r2) for each in shown]
     names = [
         f"{model.names[dim].removeprefix('dimension ')}: {float(each.r2[dim]):.2f}"
         for dim, each in zip(dims, shown, strict=True)
     ]
-    table.add_row("worst dimension and its R²", *names)
+    table.add_row("worst dimension: R²", *names)
     for steps in (*(each for each in STEPS if each < horizon), horizon):
-        table.add_row(
-            f"error after {steps} step{'s' * (steps > 1)} (std of the state)",
-            *(f"{each.error_after(steps):.2f}" for each in shown),
-        )
-    coverage = [f"{one:.0%} / {two:.0%}" for one, two in (each.coverage for each in shown)]
-    table.add_row("errors within 1 / 2 predicted std", *coverage)
+        errors = (f"{each.error_after(steps):.2f}" for each in shown)
+        table.add_row(f"error after {steps} step{'s' * (steps > 1)}", *errors)
+    for index, std in enumerate((1, 2)):
+        table.add_row(f"errors within {std} std", *(f"{each.coverage[index]:.0%}" for each in shown))
     return table
 
 
@@ -98,7 +96,7 @@ def _imagination_tables(imagination: ImaginationMeasures | None) -> list[Table]:
     now.add_row(
         "ended by the task / by the uncertainty cap", f"{imagination.terminated:.0%} / {imagination.capped:.0%}"
     )
-    now.add_row("epistemic std / spread of one-step changes", f"{imagination.uncertainty:.2f}")
+    now.add_row("epistemic std, of a one-step change", f"{imagination.uncertainty:.2f}")
     return [table, now] if latest else [now]
 
 
@@ -135,5 +133,5 @@ def _exploration_table(diagnosis: Diagnosis) -> Table:
     first = max(count - LATEST_EPISODES, 0)
     table = _table("real episode", *(str(number) for number in range(first + 1, count + 1)))
     table.add_row("return", *(f"{value:.1f}" for value in exploration.returns[first:]))
-    table.add_row("new part of what it visited", *(f"{each:.0%}" for each in exploration.new_fractions[first:]))
+    table.add_row("new part of its states", *(f"{each:.0%}" for each in exploration.new_fractions[first:]))
     return table
