@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import os
 from pathlib import Path
 from typing import Any
@@ -109,8 +110,7 @@ def test_an_own_task_may_have_no_exploratory_states() -> None:
 
 
 def test_an_environment_without_a_time_limit_is_refused() -> None:
-    spec = gym.spec("Pendulum-v1")
-    spec.max_episode_steps = None
+    spec = dataclasses.replace(gym.spec("Pendulum-v1"), max_episode_steps=None)
     with pytest.raises(ValueError, match=r"Pendulum-v1 has no time limit.*--env-kwargs max_episode_steps:1000"):
         suggest(optuna.create_study().ask(), {}, spec, 3, 10_000)
 

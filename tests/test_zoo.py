@@ -118,7 +118,8 @@ def test_any_environment_of_gymnasium_trains_enjoys_and_goes_on(tmp_path: Path) 
     output = run(ZOO, "train", *hopper, *SMALL, cwd=tmp_path)
     assert "Using 'default' hyperparameters" in output
     folder = tmp_path / "logs" / "sac" / "HUCRL-Hopper-v5_1"
-    assert len(load_results(str(folder))) == 3
+    # Whole episodes are played until they have 200 steps together: the hopper falls soon.
+    assert load_results(str(folder)).l.sum() >= 600
     assert ZooRun(folder).world().horizon == 20
     assert "Episode Reward" in run(ZOO, "enjoy", *hopper, "--no-render", "-f", "logs", cwd=tmp_path)
     run(ZOO, "train", *hopper, *SMALL, "-i", str(folder / "checkpoint.zip"), cwd=tmp_path)
