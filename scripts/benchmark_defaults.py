@@ -35,7 +35,7 @@ TASKS = {
     "Parking-v0": (2_000, -40.0),
 }
 #: of SAC in the README
-SETTINGS: dict[str, Any] = {"learning_rate": 1e-3, "gamma": 0.98, "tau": 0.02, "gradient_steps": 4, "n_steps": 4}
+SETTINGS: dict[str, Any] = {"learning_rate": 1e-3, "gamma": 0.99, "tau": 0.02, "gradient_steps": 4, "n_steps": 4}
 
 
 @dataclass(frozen=True)
