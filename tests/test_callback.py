@@ -57,7 +57,7 @@ def test_real_episodes_sample_the_policy_first_and_play_its_mode_later(fraction:
             def spy(deterministic: bool) -> None:
                 played.append(deterministic)
 
-            self._search.planner = spy  # type: ignore[method-assign]  # as above
+            self._search.planner = spy  # type: ignore[method-assign]  # a spy
 
     model = small_sac()
     callback = Spy(imagined_steps=40, horizon=10, sampling_fraction=fraction, dynamics_kwargs={"gradient_steps": 5})
