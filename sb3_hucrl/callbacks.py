@@ -35,8 +35,8 @@ class HUCRLCallback(BaseCallback):
     :param task: reward, termination and state: a task, the place to import one from (``"my_module.MyTask"``), or
         ``"learned"``; by default the one registered for the environment's id, and learned where there is none
     :param task_kwargs: arguments of an imported or learned task
-    :param horizon: length of an imagined trajectory, by default that of a real episode; ``[first, last, begin, end]``
-        lets it grow from ``first`` to ``last`` between these numbers of real steps
+    :param horizon: length of an imagined trajectory; by default as long as the model can be trusted, at most a real
+        episode; ``[first, last, begin, end]`` lets it grow from first to last between these numbers of real steps
     :param imagined_steps: timesteps of each policy search; by default 64 for each real step since the last one
     :param initial_episodes: random real episodes before the first search, at least 1
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
@@ -51,6 +51,7 @@ class HUCRLCallback(BaseCallback):
     :param dyna_mpc: arguments of :class:`sb3_hucrl.planning.DynaMPCSettings`, to plan around the policy
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
+    :param standardise: whether the policy's networks see standardised observations, where they do not already
     :param reward_threshold: stop training after a real episode with at least this return; by default never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 gives the run's folder
     :param checkpoint: zip file to save the model in after every real episode; rl_zoo3 gives ``checkpoint.zip``
@@ -81,6 +82,7 @@ class HUCRLCallback(BaseCallback):
         planner_kwargs: Mapping[str, Any] | None = None,
         dyna_mpc: Mapping[str, Any] | None = None,
         uncertainty_cap: float | None = None,
+        standardise: bool = True,
         reward_threshold: float | None = None,
         log_dir: str | None = None,
         checkpoint: str | None = None,
@@ -93,7 +95,7 @@ class HUCRLCallback(BaseCallback):
         real_data, stale, cap = real_data_fraction, stale_fraction, uncertainty_cap
         self.settings = Settings(
             RealSettings(*least, sampling_fraction, reward_threshold),
-            SearchSettings(exploration, imagined_steps, horizon, start_states, real_data, stale, cap),
+            SearchSettings(exploration, imagined_steps, horizon, start_states, real_data, stale, cap, standardise),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )

@@ -56,6 +56,7 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     entry = find_entry(callbacks)
     assert entry is not None
     settings = {**defaults(entry.callback), **entry.settings}
+    # A longest one: a model that cannot be trusted for so long is imagined for less.
     settings["horizon"] = settings["horizon"] or gym.spec(env_id).max_episode_steps
     settings["imagined_steps"] = settings["imagined_steps"] or IMAGINED_PER_REAL * (
         gym.spec(env_id).max_episode_steps or 0
@@ -63,6 +64,8 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     for budget in ("initial_steps", "real_steps"):
         # Short episodes are the only ones that they are for, and none of ours is.
         assert settings.pop(budget) is None
+    # What came later stays at its default.
+    assert settings.pop("standardise") is True
     strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
     return settings

@@ -1,6 +1,7 @@
 """The learned world: what is imagined, from where, and how far the model is trusted."""
 
 from sb3_hucrl.imagination.episodes import Array, BatchActor, imagine_episode, imagined_return
+from sb3_hucrl.imagination.horizon import trusted_horizon
 from sb3_hucrl.imagination.limits import Limits
 from sb3_hucrl.imagination.recipe import Learned, WorldRecipe
 from sb3_hucrl.imagination.rollouts import Rollout, TerminalValue, roll_out
@@ -27,4 +28,5 @@ __all__ = [
     "imagine_episode",
     "imagined_return",
     "roll_out",
+    "trusted_horizon",
 ]

@@ -9,8 +9,8 @@ import torch as th
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.tasks.base import Task
 
-#: how far inflated states reach beyond the visited ones, in standard deviations of the visited states
-INFLATION = 2.0
+#: how far inflated states reach beyond the visited ones, at least and at most, in standard deviations of these
+INFLATION = (2.0, 20.0)
 
 
 class StartStates:
@@ -19,13 +19,15 @@ class StartStates:
 
     - ``initial``: where real episodes began,
     - ``visited``: any real state so far,
-    - ``inflated``: a visited state + 2 · (the visited states' standard deviation) · standard normal noise, which
-      needs no knowledge of the task,
+    - ``inflated``: a visited state + k · (the visited states' standard deviation) · standard normal noise, with k
+      between 2 and 20, uniform in its logarithm: a first random episode may have seen a small part of what there is.
+      It needs no knowledge of the task,
     - ``exploratory``: the task's own distribution, where it has one.
 
     :param dataset: the real transitions; those appended later count too
     :param task: has the exploratory states
-    :param weights: relative weight of each kind; by default all kinds that the task allows weigh the same
+    :param weights: relative weight of each kind; by default all kinds that the task allows weigh the same, but see
+        :meth:`trusting`
     :raises ValueError: if a kind is unknown or impossible, a weight negative, or no weight positive
     """
 
@@ -33,6 +35,7 @@ class StartStates:
 
     def __init__(self, dataset: TransitionDataset, task: Task, weights: Mapping[str, float] | None = None) -> None:
         explores = task.exploratory_states(1, None) is not None
+        self._given = weights is not None
         if weights is None:
             weights = dict.fromkeys(self.KINDS if explores else self.KINDS[:-1], 1.0)
         unknown = sorted(set(weights) - set(self.KINDS))
@@ -48,6 +51,18 @@ class StartStates:
         self._dataset = dataset
         self._task = task
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
+
+    def trusting(self, share: float) -> StartStates:
+        """
+        The same where weights were given. By default, the less of an episode can be imagined, the more trajectories
+        begin in visited states: elsewhere such a model knows little, and from the first states it would not get far.
+
+        :param share: of an episode that can be imagined, in (0, 1]
+        """
+        if self._given:
+            return self
+        weights = {kind: float(weight) for kind, weight in zip(self.KINDS, share * self._weights, strict=True)}
+        return StartStates(self._dataset, self._task, {**weights, "visited": 1.0})
 
     def only(self, kind: str) -> StartStates:
         """
@@ -91,5 +106,7 @@ class StartStates:
             if self._task.carries_constants:
                 observed = self._task.state_dim - self._task.outcome_dim
                 spread[:observed] *= ~self._dataset.constant_dims(observed)
-            states = states + INFLATION * spread * th.randn(states.shape, generator=generator)
+            least, most = INFLATION
+            scale = least * (most / least) ** th.rand(n, 1, generator=generator)
+            states = states + scale * spread * th.randn(states.shape, generator=generator)
         return states

@@ -167,9 +167,12 @@ class World:
         """
         return Trajectories(self, n, self.seed if seed is None else seed)
 
-    def from_real_starts(self) -> World:
+    def from_real_starts(self, episode_length: int | None = None) -> World:
         """
-        The same world as real episodes meet it: trajectories begin where real episodes begin, and last as long as real
-        ones, whatever the uncertainty, so that returns can be compared.
+        The same world as real episodes meet it: trajectories begin where real episodes begin, and last to their end,
+        whatever the uncertainty, so that returns can be compared.
+
+        :param episode_length: steps until then; None for the horizon
         """
-        return replace(self, starts=self.starts.only("initial"), limits=replace(self.limits, max_epistemic_std=None))
+        limits = replace(self.limits, max_epistemic_std=None)
+        return replace(self, starts=self.starts.only("initial"), limits=limits, horizon=episode_length or self.horizon)

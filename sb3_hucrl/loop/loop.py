@@ -19,6 +19,7 @@ from sb3_hucrl.imagination import (
     epistemic_std,
     imagine_episode,
     imagined_return,
+    trusted_horizon,
 )
 from sb3_hucrl.loop.actors import Actor, one_by_one, random_actor
 from sb3_hucrl.loop.episodes import RealSystem, collect_episode
@@ -114,10 +115,10 @@ class Loop:
         return HUCRLState(dataset, dynamics, generator)
 
     def _horizon(self) -> int:
-        horizon = self.settings.search.horizon
-        if horizon is None:
-            return self.problem.episode_length
-        return HorizonSchedule.read(horizon).at(len(self.state.dataset))
+        given, known, longest = self.settings.search.horizon, self.state.dataset, self.problem.episode_length
+        if given is not None:
+            return HorizonSchedule.read(given).at(len(known))
+        return trusted_horizon(self.state.dynamics, known, self.problem.task, longest) if len(known) else longest
 
     def _require_same_dimensions(self) -> None:
         dataset = self.state.dataset
@@ -155,8 +156,10 @@ class Loop:
         """
         planning = self.settings.planning
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
-        self.recipe = replace(self.recipe, horizon=self._horizon())
-        self.world = self.recipe.world(self.state, self._starts, num_samples)
+        horizon, longest = self._horizon(), self.problem.episode_length
+        self.recipe = replace(self.recipe, horizon=horizon)
+        self.world = self.recipe.world(self.state, self._starts.trusting(min(1.0, horizon / longest)), num_samples)
+        self._note("hucrl", {"horizon": horizon})
         self._note("hucrl", self.state.dynamics.diagnostics())
         self._note("hucrl", self.world.strategy.diagnostics())
         self._search_started = time.perf_counter()
@@ -175,7 +178,8 @@ class Loop:
                 search,
                 self.state.best,
                 lambda: imagined_return(
-                    self.world.from_real_starts().trajectories(JUDGED, seed=0), search.actor(deterministic=True)
+                    self.world.from_real_starts(self.problem.episode_length).trajectories(JUDGED, seed=0),
+                    search.actor(deterministic=True),
                 ),
             )
             self._scalars["imagined/mode_return"] = promised
@@ -195,7 +199,7 @@ class Loop:
 
     def _imagine(self, act: BatchActor) -> float:
         """Record what the model promises of the next real episode. Returns the mean epistemic std along it."""
-        episode = imagine_episode(self.world.from_real_starts().trajectories(1, seed=0), act)
+        episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
         self.state.imagined_episodes.append(ImaginedEpisode(self.state.real_episodes + 1, episode))
         # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
         return float(epistemic_std(self.state.dynamics, episode).mean())

@@ -66,11 +66,12 @@ class SearchSettings:
     :param imagined_steps: timesteps of each search, over all imagined trajectories; None for 64 for each real step
         since the last one
     :param horizon: length of an imagined trajectory, or ``[first, last, begin, end]`` to let it grow between these
-        numbers of real steps; None for the length of a real episode
+        numbers of real steps; None for as long as the model can be trusted
     :param start_states: weights of the kinds of start states, see :class:`sb3_hucrl.imagination.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
     :param stale_fraction: fraction of its replay buffer kept after a refit, newest first, in [0, 1]
     :param uncertainty_cap: multiple of the usual uncertainty at which trajectories are truncated; None for never
+    :param standardise: whether the policy's networks see observations with mean 0 and standard deviation 1
     :raises ValueError: if a number is out of its range
     """
 
@@ -81,6 +82,7 @@ class SearchSettings:
     real_data_fraction: float = 0.0
     stale_fraction: float = 0.0
     uncertainty_cap: float | None = None
+    standardise: bool = True
 
     def __post_init__(self) -> None:
         _require_at_least_one(imagined_steps=self.imagined_steps)

@@ -22,7 +22,7 @@ from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.sb3.running import RunningLearn
-from sb3_hucrl.sb3.standardise import standardise_by
+from sb3_hucrl.sb3.standardise import insert_extractors, standardise
 from sb3_hucrl.wrappers import ImaginationVecEnv
 
 
@@ -50,6 +50,9 @@ class SB3Search:
         self.model, self._env, self._loop = model, env, loop
         self._planner: MPCPolicy | None = None
         self._is_training = RunningLearn(model)
+        # A policy that has learned from observations as they are would no longer know what it sees.
+        if loop.settings.search.standardise and loop.state.real_episodes == 0 and model._n_updates == 0:
+            insert_extractors(model)
         self._plan_in(loop.world)
 
     def _plan_in(self, world: World) -> None:
@@ -68,7 +71,7 @@ class SB3Search:
         self._env.imagine(world, is_training=self._is_training)
         self._plan_in(world)
         self._renew_replay()
-        standardise_by(self._loop.state.dataset, world.task, self.model.get_vec_normalize_env())
+        standardise(self.model, world)
         self._restart_trajectories()
 
     def _renew_replay(self) -> None:
