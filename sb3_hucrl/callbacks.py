@@ -42,6 +42,8 @@ class HUCRLCallback(BaseCallback):
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
+    :param real_envs: number of environments that play real episodes at once, a round; the processes of a SubprocVecEnv
+        step at the same time. ``real/return`` is the mean of a round
     :param sampling_fraction: fraction of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -52,7 +54,7 @@ class HUCRLCallback(BaseCallback):
     :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
         multiple of what 95 % of the real transitions have; by default never
     :param standardise: whether the policy's networks see standardised observations, where they do not already
-    :param reward_threshold: stop training after a real episode with at least this return; by default never
+    :param reward_threshold: stop training after a round of real episodes with at least this mean return; default: never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 gives the run's folder
     :param checkpoint: zip file to save the model in after every real episode; rl_zoo3 gives ``checkpoint.zip``
     :param verbose: 1 prints what is resumed
@@ -74,6 +76,7 @@ class HUCRLCallback(BaseCallback):
         initial_steps: int | None = None,
         real_episodes: int = 1,
         real_steps: int | None = None,
+        real_envs: int = 1,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
@@ -91,10 +94,10 @@ class HUCRLCallback(BaseCallback):
         super().__init__(verbose)
         if isinstance(exploration, str):
             exploration = make_strategy(exploration, **(exploration_kwargs or {}))
-        least = initial_episodes, initial_steps, real_episodes, real_steps
+        played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs
         real_data, stale, cap = real_data_fraction, stale_fraction, uncertainty_cap
         self.settings = Settings(
-            RealSettings(*least, sampling_fraction, reward_threshold),
+            RealSettings(*played, sampling_fraction, reward_threshold),
             SearchSettings(exploration, imagined_steps, horizon, start_states, real_data, stale, cap, standardise),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),

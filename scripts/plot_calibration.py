@@ -13,6 +13,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import torch as th
 from tqdm import tqdm
@@ -21,20 +22,20 @@ from sb3_hucrl import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import LEARNED, make_dynamics
 from sb3_hucrl.dynamics.calibration import calibration_error, reliability
 from sb3_hucrl.dynamics.delta import DeltaModel
-from sb3_hucrl.imagination import Array
-from sb3_hucrl.loop import Actor, collect_episode
+from sb3_hucrl.imagination import Array, BatchActor
+from sb3_hucrl.loop import RealSystems, Round
 from sb3_hucrl.plots import reliability_figure
 from sb3_hucrl.tasks import PendulumTask
 
 
-def random_torques(rng: np.random.Generator, hold: int) -> Actor:
+def random_torques(rng: np.random.Generator, hold: int) -> BatchActor:
     """Uniform torques, each held for several steps, so that the pendulum moves."""
-    steps, torque = 0, np.zeros(1, dtype=np.float32)
+    steps, torque = 0, np.zeros((1, 1), dtype=np.float32)
 
-    def act(observation: Array, first: bool) -> Array:
+    def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
         nonlocal steps, torque
         if steps % hold == 0:
-            torque = rng.uniform(-1, 1, 1).astype(np.float32)
+            torque = rng.uniform(-1, 1, (1, 1)).astype(np.float32)
         steps += 1
         return torque
 
@@ -43,8 +44,8 @@ def random_torques(rng: np.random.Generator, hold: int) -> Actor:
 
 def collect(env: gym.Env[Any, Any], episodes: int, rng: np.random.Generator) -> list[Transitions]:
     """Play real episodes with these torques."""
-    task = PendulumTask()
-    return [collect_episode(env, random_torques(rng, hold=40), task, action_dim=1) for _ in range(episodes)]
+    rounds = [Round(RealSystems([env]), PendulumTask(), action_dim=1) for _ in range(episodes)]
+    return [episode for each in rounds for episode in each.play(random_torques(rng, hold=40))]
 
 
 def coverage(model: DeltaModel, unseen: Transitions) -> th.Tensor:

@@ -66,6 +66,7 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
         assert settings.pop(budget) is None
     # What came later stays at its default.
     assert settings.pop("standardise") is True
+    assert settings.pop("real_envs") == 1
     strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
     return settings

@@ -1,7 +1,7 @@
 """The outer loop of H-UCRL (Algorithm 2), for any policy search."""
 
-from sb3_hucrl.loop.actors import Actor, one_by_one, random_actor
-from sb3_hucrl.loop.episodes import RealSystem, collect_episode
+from sb3_hucrl.loop.actors import random_actor
+from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.loop import JUDGED, Loop
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
@@ -9,23 +9,24 @@ from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import ModelSettings, RealSettings, SearchSettings, Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
+from sb3_hucrl.loop.systems import ParallelSystems, RealSystem, RealSystems
 
 __all__ = [
     "JUDGED",
-    "Actor",
     "HUCRLState",
     "ImaginedEpisode",
     "Loop",
     "ModelSettings",
+    "ParallelSystems",
     "Problem",
     "RealSettings",
     "RealSystem",
+    "RealSystems",
     "Report",
+    "Round",
     "Search",
     "SearchSettings",
     "Settings",
     "choose_policy",
-    "collect_episode",
-    "one_by_one",
     "random_actor",
 ]

@@ -1,20 +1,16 @@
-"""Who acts in a real episode: chance, or whoever acts for a batch."""
+"""Who acts in real episodes before there is a policy: chance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
+import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
 from sb3_hucrl.imagination import Array, BatchActor
 
-#: maps an observation, and whether it is an episode's first, to an action (a, a′)
-Actor = Callable[[Array, bool], Array]
 
-
-def random_actor(action_space: spaces.Box, generator: th.Generator) -> Actor:
+def random_actor(action_space: spaces.Box, generator: th.Generator) -> BatchActor:
     """
     :param action_space: of (a, a′)
     :param generator: draws the actions, on the CPU
@@ -22,15 +18,7 @@ def random_actor(action_space: spaces.Box, generator: th.Generator) -> Actor:
     """
     low, high = th.as_tensor(action_space.low), th.as_tensor(action_space.high)
 
-    def act(observation: Array, first: bool) -> Array:
-        return (low + th.rand(low.shape, generator=generator) * (high - low)).numpy()
+    def act(observations: Array, first: npt.NDArray[np.bool_]) -> Array:
+        return (low + th.rand((len(observations), *low.shape), generator=generator) * (high - low)).numpy()
 
     return act
-
-
-def one_by_one(act: BatchActor) -> Actor:
-    """
-    :param act: for a batch
-    :return: the same for a batch of one
-    """
-    return lambda observation, first: act(observation[np.newaxis], np.array([first]))[0]

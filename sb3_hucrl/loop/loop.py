@@ -21,8 +21,8 @@ from sb3_hucrl.imagination import (
     imagined_return,
     trusted_horizon,
 )
-from sb3_hucrl.loop.actors import Actor, one_by_one, random_actor
-from sb3_hucrl.loop.episodes import RealSystem, collect_episode
+from sb3_hucrl.loop.actors import random_actor
+from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
 from sb3_hucrl.loop.schedule import HorizonSchedule
@@ -30,6 +30,7 @@ from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
+from sb3_hucrl.loop.systems import RealSystem, RealSystems
 from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
@@ -58,11 +59,11 @@ class Loop:
 
     :param settings: of real episodes, search, model and planning
     :param problem: what is known of the environment
-    :param real: the real system
+    :param real: the real system, or several copies of it
     :param state: to go on with, or None to begin afresh
     :param seed: of a fresh state; None for a random one
     :param device: of the dynamics model
-    :param on_episode: called after each real episode, for example to save
+    :param on_episode: called after each real episode, or each round of those played at once, for example to save
     :param on_refit: called with a report after each refit
     :raises ValueError: if settings, problem and state do not fit together; no real step has been taken then
     """
@@ -71,14 +72,16 @@ class Loop:
         self,
         settings: Settings,
         problem: Problem,
-        real: RealSystem,
+        real: RealSystem | RealSystems,
         state: HUCRLState | None = None,
         seed: int | None = None,
         device: th.device | str = "cpu",
         on_episode: Callable[[], None] = lambda: None,
         on_refit: Callable[[Report], None] = lambda report: None,
     ) -> None:
-        self.settings, self.problem, self._real = settings, problem, real
+        self.settings, self.problem = settings, problem
+        self._systems = real if isinstance(real, RealSystems) else RealSystems([real])
+        self._require_enough_systems()
         self._on_episode, self._on_refit = on_episode, on_refit
         self.state = self._fresh_state(seed) if state is None else state
         self._require_same_dimensions()
@@ -95,13 +98,14 @@ class Loop:
         self._starts = self.recipe.starts(self.state)
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
-        #: whether a real episode has reached the ``reward_threshold``
+        #: whether a round of real episodes has reached the ``reward_threshold``
         self.solved = False
         self._scalars: dict[str, float] = {}
         self._rollout_seconds = 0.0
         self._search_started = time.perf_counter()
         # Real steps that the latest fit was the first to see. Nobody wrote them down for a run that is resumed.
-        self._new_steps = max([self._budget(settings.real.real_steps), *self.state.dataset.lengths[-1:]])
+        latest_round = self.state.dataset.lengths[-settings.real.real_envs :]
+        self._new_steps = max(self._budget(settings.real.real_steps), sum(latest_round))
 
     def _fresh_state(self, seed: int | None) -> HUCRLState:
         generator = seeded_generator(seed)
@@ -120,6 +124,14 @@ class Loop:
             return HorizonSchedule.read(given).at(len(known))
         return trusted_horizon(self.state.dynamics, known, self.problem.task, longest) if len(known) else longest
 
+    def _require_enough_systems(self) -> None:
+        wanted, found = self.settings.real.real_envs, len(self._systems)
+        if wanted > found:
+            raise ValueError(
+                f"real_envs is {wanted}, and the number of environments {found}: make more of them (n_envs), or give "
+                f"at most {found}"
+            )
+
     def _require_same_dimensions(self) -> None:
         dataset = self.state.dataset
         found, expected = (dataset.state_dim, dataset.action_dim), (self.problem.task.width, self.problem.action_dim)
@@ -135,7 +147,7 @@ class Loop:
         act = random_actor(self.problem.action_space, state.generator)
         if state.fitted_steps == 0:
             while state.real_episodes < real.initial_episodes or len(state.dataset) < self._budget(real.initial_steps):
-                self._play(act)
+                self.play(act)
         if state.fitted_steps < len(state.dataset):
             self.refit()
 
@@ -167,7 +179,7 @@ class Loop:
 
     def end_search(self, search: Search, deterministic: bool) -> None:
         """
-        Play real episodes with what was found, and refit.
+        Play rounds of real episodes with what was found, and refit.
 
         :param search: of a policy in :attr:`world`
         :param deterministic: whether to play the mode of the best policy so far, or to sample the present one
@@ -198,32 +210,41 @@ class Loop:
         self.refit()
 
     def _imagine(self, act: BatchActor) -> float:
-        """Record what the model promises of the next real episode. Returns the mean epistemic std along it."""
+        """
+        Record what the model promises of the next real episode, the first of its round. Returns the mean epistemic std
+        along it.
+        """
         episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
         self.state.imagined_episodes.append(ImaginedEpisode(self.state.real_episodes + 1, episode))
         # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
         return float(epistemic_std(self.state.dynamics, episode).mean())
 
-    def play(self, act: BatchActor) -> Transitions:
+    def play(self, act: BatchActor) -> list[Transitions]:
         """
-        Play one real episode, and remember it for the next refit.
+        Play a round of real episodes, one in each of ``real_envs`` environments at once, and remember them for the next
+        refit. If it is interrupted, those that are over are remembered.
 
-        :param act: chooses the actions, of a batch of one
-        :return: the episode
+        :param act: chooses the actions, of a batch of ``real_envs``
+        :return: the episodes, in the order of the environments
         """
-        return self._play(one_by_one(act))
+        started = time.perf_counter()
+        playing = Round(self._systems, self.problem.task, self.problem.action_dim, self.settings.real.real_envs)
+        try:
+            return playing.play(act)
+        finally:
+            if finished := playing.finished():
+                self._remember(finished)
+                self._rollout_seconds += time.perf_counter() - started
+                self._on_episode()
 
-    def _play(self, act: Actor) -> Transitions:
-        started, state = time.perf_counter(), self.state
-        episode = collect_episode(self._real, act, self.problem.task, self.problem.action_dim)
-        state.dataset.append_episode(episode)
-        state.real_episodes += 1
-        state.last_return = float(episode.rewards.sum(dtype=th.float64))
+    def _remember(self, episodes: list[Transitions]) -> None:
+        state = self.state
+        for episode in episodes:
+            state.dataset.append_episode(episode)
+            state.real_episodes += 1
+        state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
         threshold = self.settings.real.reward_threshold
         self.solved |= threshold is not None and state.last_return >= threshold
-        self._rollout_seconds += time.perf_counter() - started
-        self._on_episode()
-        return episode
 
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""

@@ -28,15 +28,16 @@ def _require_fraction(**fractions: float) -> None:
 @dataclass(frozen=True)
 class RealSettings:
     """
-    Real episodes.
+    Real episodes. They are played in rounds of ``real_envs`` at once, so that there may be a few more than asked for.
 
     :param initial_episodes: random ones before the first search, at least 1
     :param initial_steps: steps that these have together, at least; None for one full-length episode, or 200 steps if
         that is less
     :param real_episodes: after each search, at least 1
     :param real_steps: steps that these have together, at least; None as above
+    :param real_envs: number of environments in which they are played at once, at least 1
     :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
-    :param reward_threshold: a return that ends the training; None for none
+    :param reward_threshold: a return, mean of a round, that ends the training; None for none
     :raises ValueError: if a number is out of its range
     """
 
@@ -44,6 +45,7 @@ class RealSettings:
     initial_steps: int | None = None
     real_episodes: int = 1
     real_steps: int | None = None
+    real_envs: int = 1
     sampling_fraction: float = 0.5
     reward_threshold: float | None = None
 
@@ -53,6 +55,7 @@ class RealSettings:
             initial_steps=self.initial_steps,
             real_episodes=self.real_episodes,
             real_steps=self.real_steps,
+            real_envs=self.real_envs,
         )
         _require_fraction(sampling_fraction=self.sampling_fraction)
 

@@ -38,9 +38,9 @@ class HUCRLState:
     :param dynamics: the model fitted to them
     :param generator: the source of the loop's randomness, on the CPU
     :param real_episodes: number of real episodes so far
-    :param last_return: return of the latest real episode
+    :param last_return: return of the latest real episode; mean of those that were played at once
     :param fitted_steps: number of real steps that the dynamics model was last fitted to
-    :param imagined_episodes: one for each real episode that a policy played
+    :param imagined_episodes: one for each real episode that a policy played, the first of those played at once
     :param best: parameters of the policy with the highest imagined return so far, in the search's own format; None
         while real episodes explore
     """

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 
-from sb3_hucrl.loop import Actor, one_by_one
+from sb3_hucrl.imagination import BatchActor
 from sb3_hucrl.progress import progress_bar
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.wrappers import LearnedModelEnv
@@ -64,7 +64,7 @@ def real_frames(run: ZooRun, seed: int) -> Iterator[tuple[Frame, float]]:
     :return: frames and returns so far of one real episode
     """
     env = run.real_env(render_mode="rgb_array")
-    return _frames(env, _actor(run), seed, draw=lambda observation: _render(env))
+    return _frames(env, policy_actor(run.model, deterministic=True), seed, draw=lambda observation: _render(env))
 
 
 def imagined_frames(run: ZooRun, seed: int) -> Iterator[tuple[Frame, float]]:
@@ -83,7 +83,7 @@ def imagined_frames(run: ZooRun, seed: int) -> Iterator[tuple[Frame, float]]:
         place(world.task.state(th.as_tensor(observation)[None])[0])
         return _render(canvas)
 
-    return _frames(imagination, _actor(run), seed, draw)
+    return _frames(imagination, policy_actor(run.model, deterministic=True), seed, draw)
 
 
 def _can_be_placed(env: gym.Env[Any, Any]) -> bool:
@@ -93,19 +93,15 @@ def _can_be_placed(env: gym.Env[Any, Any]) -> bool:
     return len(inspect.signature(env.get_wrapper_attr("set_state")).parameters) == 1
 
 
-def _actor(run: ZooRun) -> Actor:
-    return one_by_one(policy_actor(run.model, deterministic=True))
-
-
 def _frames(
-    env: gym.Env[Any, Any], act: Actor, seed: int, draw: Callable[[npt.NDArray[np.float32]], Frame]
+    env: gym.Env[Any, Any], act: BatchActor, seed: int, draw: Callable[[npt.NDArray[np.float32]], Frame]
 ) -> Iterator[tuple[Frame, float]]:
     observation, _ = env.reset(seed=seed)
     yield draw(observation), 0.0
-    total, over, first = 0.0, False, True
+    total, over, first = 0.0, False, np.ones(1, dtype=np.bool_)
     while not over:
-        observation, reward, terminated, truncated, _ = env.step(act(observation, first))
-        total, over, first = total + float(reward), terminated or truncated, False
+        observation, reward, terminated, truncated, _ = env.step(act(observation[np.newaxis], first)[0])
+        total, over, first = total + float(reward), terminated or truncated, np.zeros_like(first)
         yield draw(observation), total
 
 

@@ -9,15 +9,15 @@ from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer
 from sb3_hucrl.sb3.search import SB3Search, make_search
-from sb3_hucrl.sb3.stack import FirstEnv, find_imagination, read_problem
+from sb3_hucrl.sb3.stack import SingleEnv, find_imagination, read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 
 __all__ = [
-    "FirstEnv",
     "MixedReplayBuffer",
     "Parameters",
     "SB3Policy",
     "SB3Search",
+    "SingleEnv",
     "TrainingLog",
     "attach_state",
     "find_imagination",
@@ -27,6 +27,7 @@ __all__ = [
     "planner_actor",
     "policy_actor",
     "read_problem",
+    "real_systems",
     "require_place",
     "save_atomically",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.loop import Loop, Report, Settings
-from sb3_hucrl.sb3.stack import FirstEnv, read_problem
+from sb3_hucrl.sb3.stack import read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward
 from sb3_hucrl.wrappers import ImaginationVecEnv
@@ -27,7 +27,7 @@ def make_loop(
     :param model: in training
     :param env: the ImaginationVecEnv that it trains on
     :param settings: of the loop
-    :param on_episode: called after each real episode
+    :param on_episode: called after each real episode, or each round of those played at once
     :param on_refit: called with a report after each refit
     :param verbose: 1 prints what is resumed
     :raises ValueError: if environment, settings and what the algorithm carries do not fit together
@@ -36,7 +36,8 @@ def make_loop(
     if isinstance(problem.task, LearnedReward):
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     carried = get_state(model)
-    loop = Loop(settings, problem, FirstEnv(env.venv), carried, model.seed, model.device, on_episode, on_refit)
+    systems = real_systems(env.venv)
+    loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_episode, on_refit)
     if carried is None:
         attach_state(model, loop.state)
     elif verbose > 0:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
-from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecCheckNan, VecEnv, VecMonitor, VecNormalize
 
 from sb3_hucrl.imagination import Array
-from sb3_hucrl.loop import ModelSettings, Problem
+from sb3_hucrl.loop import ModelSettings, ParallelSystems, Problem, RealSystems
 from sb3_hucrl.wrappers.imagination import ImaginationVecEnv, imagination_layer
 
 #: wrappers above ImaginationVecEnv that real episodes may do without, or that the algorithm itself applies
@@ -38,24 +38,39 @@ def find_imagination(env: VecEnv) -> ImaginationVecEnv:
     return layer
 
 
-class FirstEnv:
+class SingleEnv:
     """
-    The first of several vectorised environments, which may live in another process, as a single one. Real episodes are
-    played in it; its Monitor, if it has one, records them.
+    One of several vectorised environments, which may live in another process, as a single one. A real episode is played
+    in it; its Monitor, if it has one, records that. ``VecEnv.step`` would step all environments, and begin another
+    episode where one is over.
 
     :param venv: real environments
+    :param index: of the environment
     """
 
-    def __init__(self, venv: VecEnv) -> None:
-        self._venv = venv
+    def __init__(self, venv: VecEnv, index: int) -> None:
+        self._venv, self._index = venv, index
 
     def reset(self) -> tuple[Any, dict[str, Any]]:
-        observation, infos = self._venv.env_method("reset", indices=0)[0]
+        observation, infos = self._venv.env_method("reset", indices=self._index)[0]
         return observation, infos
 
     def step(self, action: Array, /) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        observation, reward, terminated, truncated, infos = self._venv.env_method("step", action, indices=0)[0]
+        result = self._venv.env_method("step", action, indices=self._index)[0]
+        observation, reward, terminated, truncated, infos = result
         return observation, reward, terminated, truncated, infos
+
+
+def real_systems(venv: VecEnv) -> RealSystems:
+    """
+    :param venv: real environments
+    :return: the same as single ones, which are called at the same time if they live in the processes of a
+        SubprocVecEnv, and otherwise one after another
+    """
+    single = [SingleEnv(venv, index) for index in range(venv.num_envs)]
+    # Each process has a pipe of its own, so that a thread can wait for each. What lives in this process may draw from
+    # numpy's global generator, or insist on its thread.
+    return ParallelSystems(single) if isinstance(venv, SubprocVecEnv) else RealSystems(single)
 
 
 def read_problem(venv: VecEnv, settings: ModelSettings) -> Problem:

@@ -1,0 +1,88 @@
+"""The real system, and several copies of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
+from typing import Any, Protocol, SupportsFloat, TypeAlias, TypeVar
+
+from sb3_hucrl.imagination import Array
+
+T = TypeVar("T")
+#: of a step: observation, reward, terminated, truncated, infos
+Outcome: TypeAlias = tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]
+
+
+class RealSystem(Protocol):
+    """The part of gymnasium's interface that real episodes need: any ``gymnasium.Env`` has it."""
+
+    def reset(self) -> tuple[Any, dict[str, Any]]:
+        """
+        :return: the first observation of an episode, and infos
+        """
+
+    def step(self, action: Array, /) -> Outcome:
+        """
+        :param action: (a, a′), of which the system ignores a′
+        :return: observation, reward, terminated, truncated, infos
+        """
+
+
+class RealSystems:
+    """
+    Copies of the real system, in which several episodes are played at once. They are called one after another, in the
+    thread of the caller.
+
+    :param copies: at least one
+    """
+
+    def __init__(self, copies: Sequence[RealSystem]) -> None:
+        self._copies = list(copies)
+
+    def __len__(self) -> int:
+        return len(self._copies)
+
+    def reset(self, indices: Sequence[int]) -> list[Any]:
+        """
+        :param indices: of n copies
+        :return: the first observation of each
+        """
+        return [observation for observation, _ in self._call([self._copies[index].reset for index in indices])]
+
+    def step(self, indices: Sequence[int], actions: Array) -> list[Outcome]:
+        """
+        :param indices: of n copies; the others stay as they are
+        :param actions: (a, a′) of each, shape (n, q + h)
+        :return: what comes of each, in the order of the indices
+        """
+        pairs = zip(indices, actions, strict=True)
+        return self._call([partial(self._copies[index].step, action) for index, action in pairs])
+
+    def _call(self, calls: Sequence[Callable[[], T]]) -> list[T]:
+        return [call() for call in calls]
+
+
+class ParallelSystems(RealSystems):
+    """
+    Copies that are called at the same time, each from a thread of its own. It is for copies in other processes or on
+    other machines, for whose answer a thread only waits; an answer must not depend on when the other copies are called.
+
+    :param copies: at least one
+    """
+
+    def __init__(self, copies: Sequence[RealSystem]) -> None:
+        super().__init__(copies)
+        # It starts a thread only when all others are busy, and none for a single call at a time.
+        self._threads = ThreadPoolExecutor(len(self._copies), thread_name_prefix="real system")
+
+    def _call(self, calls: Sequence[Callable[[], T]]) -> list[T]:
+        if len(calls) == 1:
+            return super()._call(calls)
+        futures = [self._threads.submit(call) for call in calls]
+        try:
+            wait(futures)
+        finally:
+            # Also after Ctrl-C: an answer that nobody has read would be taken for that to the next call.
+            wait(futures)
+        return [future.result() for future in futures]
