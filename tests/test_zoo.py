@@ -126,6 +126,15 @@ def test_any_environment_of_gymnasium_trains_enjoys_and_goes_on(tmp_path: Path) 
     assert (folder.parent / "HUCRL-Hopper-v5_2" / "HUCRL-Hopper-v5.zip").exists()
 
 
+def test_real_episodes_are_played_in_several_processes_at_once(tmp_path: Path) -> None:
+    once = ["-n", "320", "--eval-freq", "-1", "-params", "gradient_steps:1", "n_envs:3", *SHORT, "hucrl_real_envs:2"]
+    run(ZOO, *TRAIN, "--vec-env", "subproc", *once, cwd=tmp_path)
+    monitored = [pd.read_csv(run_folder(tmp_path) / f"{number}.monitor.csv", skiprows=1) for number in range(3)]
+    assert [each.l.tolist() for each in monitored] == [[400, 400], [400, 400], []]
+    # A single environment is enough to look at the run.
+    assert ZooRun(run_folder(tmp_path)).world().horizon == 20
+
+
 @pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
 def test_any_environment_of_a_user_s_package_trains(tmp_path: Path, vec_env: str) -> None:
     (tmp_path / "my_package.py").write_text(OWN_PACKAGE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,9 @@ class ZooRun:
         problem = Problem.from_spaces(
             real.spec, self.model.observation_space, actions, hallucinated_dim, self.settings.model
         )
-        return Loop(self.settings, problem, real, state, seed=0)
+        # There is a single environment to look at, whatever the run had.
+        settings = replace(self.settings, real=replace(self.settings.real, real_envs=1))
+        return Loop(settings, problem, real, state, seed=0)
 
     def world(self) -> World:
         """
