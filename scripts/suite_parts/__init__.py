@@ -1,0 +1,1 @@
+"""The suite: one setting on many environments, beside SAC without a model."""
