@@ -36,6 +36,7 @@ TASKS = {
 }
 #: of SAC in the README
 SETTINGS: dict[str, Any] = {"learning_rate": 1e-3, "gamma": 0.99, "tau": 0.02, "gradient_steps": 4, "n_steps": 4}
+SETTINGS |= {"batch_size": 128, "policy_kwargs": {"net_arch": [128, 128]}}
 
 
 @dataclass(frozen=True)

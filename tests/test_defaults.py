@@ -74,7 +74,10 @@ def test_what_never_changes_within_an_episode_is_carried_and_not_hallucinated() 
     assert len(np.unique(first[:, 0])) > 3
     step = trajectories.step(np.ones((64, 3), dtype=np.float32))
     np.testing.assert_array_equal(step.observations[:, 1], first[:, 1])
-    assert (step.observations[:, 0] > first[:, 0]).all()
+    # Further out, a step leads back into the plausible range.
+    near = np.abs(first[:, 0]) < 9
+    assert near.sum() > 32
+    assert (step.observations[near, 0] > first[near, 0]).all()
 
 
 def test_a_task_that_knows_its_state_moves_what_has_not_moved_yet() -> None:

@@ -201,6 +201,19 @@ def test_start_states_come_in_the_asked_proportions() -> None:
     assert float(states[:, 1].std()) > 1.2 * float(dataset.transitions.states[:, 1].std())
 
 
+def test_inflated_states_reach_far_and_stay_within_the_bounds_of_observations() -> None:
+    dataset, task = pendulum_dataset(), PendulumTask()
+    spread = float(dataset.transitions.states[:, 1].std())
+    generator = th.Generator().manual_seed(0)
+    far, _ = StartStates(dataset, task, {"inflated": 1.0}).sample(2_000, generator)
+    assert far[:, 1].abs().quantile(0.5) > 3 * spread
+    box = spaces.Box(np.array([-1, -1, -8], dtype=np.float32), np.array([1, 1, np.inf], dtype=np.float32))
+    bounded, _ = StartStates(dataset, task, {"inflated": 1.0}, box).sample(2_000, generator)
+    assert bounded[:, 1].min() == -8
+    assert bounded[:, 1].max() > 3 * spread
+    assert bounded[:, 0].std() > 1
+
+
 def test_start_states_default_to_what_the_task_knows() -> None:
     class Plain(PendulumTask):
         def exploratory_states(self, n: int, generator: th.Generator | None) -> None:  # type: ignore[override]  # on purpose: knows no states

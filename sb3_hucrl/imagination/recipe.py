@@ -42,6 +42,7 @@ class WorldRecipe:
     :param start_states: weights of the kinds of start states, see :class:`StartStates`
     :param uncertainty_cap: multiple of the usual uncertainty at which trajectories end, see :func:`epistemic_limit`;
         None for never
+    :param observation_space: bounds of start states that were not visited; None for none
     """
 
     strategy: ExplorationStrategy
@@ -50,13 +51,14 @@ class WorldRecipe:
     horizon: int
     start_states: Mapping[str, float] | None = None
     uncertainty_cap: float | None = None
+    observation_space: spaces.Box | None = None
 
     def starts(self, learned: Learned) -> StartStates:
         """
         :param learned: its dataset may still be empty, and grow
         :raises ValueError: if the weights do not fit the task
         """
-        return StartStates(learned.dataset, self.task, self.start_states)
+        return StartStates(learned.dataset, self.task, self.start_states, self.observation_space)
 
     def draft(self, learned: Learned, starts: StartStates) -> World:
         """

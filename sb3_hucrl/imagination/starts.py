@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import torch as th
+from gymnasium import spaces
 
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.tasks.base import Task
@@ -21,19 +22,26 @@ class StartStates:
     - ``visited``: any real state so far,
     - ``inflated``: a visited state + k · (the visited states' standard deviation) · standard normal noise, with k
       between 2 and 20, uniform in its logarithm: a first random episode may have seen a small part of what there is.
-      It needs no knowledge of the task,
+      It needs no knowledge of the task, and stays within the bounds of the observations, if they have any,
     - ``exploratory``: the task's own distribution, where it has one.
 
     :param dataset: the real transitions; those appended later count too
     :param task: has the exploratory states
     :param weights: relative weight of each kind; by default all kinds that the task allows weigh the same, but see
         :meth:`trusting`
+    :param observation_space: bounds of inflated states; None for none
     :raises ValueError: if a kind is unknown or impossible, a weight negative, or no weight positive
     """
 
     KINDS = ("initial", "visited", "inflated", "exploratory")
 
-    def __init__(self, dataset: TransitionDataset, task: Task, weights: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        dataset: TransitionDataset,
+        task: Task,
+        weights: Mapping[str, float] | None = None,
+        observation_space: spaces.Box | None = None,
+    ) -> None:
         explores = task.exploratory_states(1, None) is not None
         self._given = weights is not None
         if weights is None:
@@ -50,6 +58,7 @@ class StartStates:
             )
         self._dataset = dataset
         self._task = task
+        self._space = observation_space
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
 
     def trusting(self, share: float) -> StartStates:
@@ -62,14 +71,14 @@ class StartStates:
         if self._given:
             return self
         weights = {kind: float(weight) for kind, weight in zip(self.KINDS, share * self._weights, strict=True)}
-        return StartStates(self._dataset, self._task, {**weights, "visited": 1.0})
+        return StartStates(self._dataset, self._task, {**weights, "visited": 1.0}, self._space)
 
     def only(self, kind: str) -> StartStates:
         """
         :param kind: one of :attr:`KINDS`
         :return: start states of this kind alone
         """
-        return StartStates(self._dataset, self._task, {kind: 1.0})
+        return StartStates(self._dataset, self._task, {kind: 1.0}, self._space)
 
     def sample(self, n: int, generator: th.Generator | None) -> tuple[th.Tensor, th.Tensor]:
         """
@@ -99,14 +108,20 @@ class StartStates:
             return states
         pool = self._dataset.initial_states if kind == "initial" else self._dataset.transitions.states
         states = pool[th.randint(len(pool), (n,), generator=generator)]
-        if kind == "inflated":
-            spread = pool.std(dim=0, correction=0)
-            # A goal that no episode has is not a state further out.
-            spread[self._task.state_dim :] = 0.0
-            if self._task.carries_constants:
-                observed = self._task.state_dim - self._task.outcome_dim
-                spread[:observed] *= ~self._dataset.constant_dims(observed)
-            least, most = INFLATION
-            scale = least * (most / least) ** th.rand(n, 1, generator=generator)
-            states = states + scale * spread * th.randn(states.shape, generator=generator)
-        return states
+        return self._inflated(states, pool, generator) if kind == "inflated" else states
+
+    def _inflated(self, states: th.Tensor, visited: th.Tensor, generator: th.Generator | None) -> th.Tensor:
+        task = self._task
+        spread = visited.std(dim=0, correction=0)
+        # A goal that no episode has is not a state further out.
+        spread[task.state_dim :] = 0.0
+        if task.carries_constants:
+            observed = task.state_dim - task.outcome_dim
+            spread[:observed] *= ~self._dataset.constant_dims(observed)
+        least, most = INFLATION
+        scale = least * (most / least) ** th.rand(len(states), 1, generator=generator)
+        states = states + scale * spread * th.randn(states.shape, generator=generator)
+        if self._space is None:
+            return states
+        bounds = (th.as_tensor(limit, dtype=states.dtype) for limit in (self._space.low, self._space.high))
+        return task.state(task.observe(states).clamp(*bounds))

@@ -94,6 +94,7 @@ class Loop:
             self._horizon(),
             search.start_states,
             search.uncertainty_cap,
+            problem.observation_space,
         )
         self._starts = self.recipe.starts(self.state)
         #: what is imagined now; before the first search a draft around the unfitted model

@@ -20,12 +20,14 @@ class Problem:
     What is to be solved.
 
     :param task: reward, termination and state, known or learned
+    :param observation_space: of the environment
     :param action_space: of (a, a′)
     :param action_dim: q, the number of dimensions of a
     :param episode_length: time limit of a real episode, in steps
     """
 
     task: Task
+    observation_space: spaces.Box
     action_space: spaces.Box
     action_dim: int
     episode_length: int
@@ -47,7 +49,8 @@ class Problem:
         :param settings: name the task
         :raises ValueError: if the environment has no time limit, unsuitable spaces, or another task
         """
-        observation_dim = require_vector_observation(observation_space).shape[0]
+        observed = require_vector_observation(observation_space)
+        observation_dim = observed.shape[0]
         task = resolve_task(settings.task, settings.task_kwargs or {}, spec, observation_dim)
         if spec is None or spec.max_episode_steps is None:
             raise ValueError(
@@ -57,7 +60,7 @@ class Problem:
         box = require_bounded_box(action_space)
         action_dim = box.shape[0] - hallucinated_dim
         check_task(task, observation_dim, action_dim)
-        return cls(task, box, action_dim, int(spec.max_episode_steps))
+        return cls(task, observed, box, action_dim, int(spec.max_episode_steps))
 
     @classmethod
     def from_env(cls, env: gym.Env[Any, Any], settings: ModelSettings) -> Problem:

@@ -44,9 +44,7 @@ TASKS = (
     SuiteTask("InvertedPendulum-v5", 3_000, 950),
     SuiteTask("InvertedDoublePendulum-v5", 5_000, 9_100),
     SuiteTask("Reacher-v5", 5_000, -3.75),
-    SuiteTask(
-        "Pusher-v5", 5_000, -36, "no action has -53; gymnasium's 0 is out of reach, as every reward is negative"
-    ),
+    SuiteTask("Pusher-v5", 5_000, -36, "no action has -53; gymnasium's 0 is out of reach, as every reward is negative"),
     SuiteTask("Swimmer-v5", 5_000, 360),
     SuiteTask("Hopper-v5", 5_000, 3_800),
     SuiteTask("HalfCheetah-v5", 5_000, 4_800),
