@@ -105,7 +105,6 @@ class HUCRLCallback(BaseCallback):
         self.log_dir, self.checkpoint = log_dir, checkpoint
         self._log = TrainingLog()
         self._searching = False
-        self._search_start = self._total_timesteps = 0
 
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
@@ -118,8 +117,7 @@ class HUCRLCallback(BaseCallback):
         self._start_search()
 
     def _on_rollout_start(self) -> None:
-        steps = self._loop.imagined_steps if self._search.has_policy else 1
-        if self.model.num_timesteps - self._search_start >= steps:
+        if self._search.is_over:
             self._end_search()
             self._start_search()
 
@@ -128,7 +126,7 @@ class HUCRLCallback(BaseCallback):
 
     def _on_training_end(self) -> None:
         # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not played.
-        if self._searching and self.model.num_timesteps >= self._total_timesteps > self._search_start:
+        if self._searching and self.model.num_timesteps >= self._total_timesteps and self._search.steps > 0:
             self._end_search()
         if self._searching:
             self._searching = False
@@ -137,7 +135,7 @@ class HUCRLCallback(BaseCallback):
 
     def _start_search(self) -> None:
         self._search.restart(self._loop.begin_search(self._env.num_envs))
-        self._search_start, self._searching = self.model.num_timesteps, True
+        self._searching = True
 
     def _end_search(self) -> None:
         progress = self.model.num_timesteps / self._total_timesteps

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -104,9 +105,6 @@ class Loop:
         self._scalars: dict[str, float] = {}
         self._rollout_seconds = 0.0
         self._search_started = time.perf_counter()
-        # Real steps that the latest fit was the first to see. Nobody wrote them down for a run that is resumed.
-        latest_round = self.state.dataset.lengths[-settings.real.real_envs :]
-        self._new_steps = max(self._budget(settings.real.real_steps), sum(latest_round))
 
     def _fresh_state(self, seed: int | None) -> HUCRLState:
         generator = seeded_generator(seed)
@@ -143,14 +141,34 @@ class Loop:
             )
 
     def begin(self) -> None:
-        """Play the random real episodes that are still missing, and fit the model to what it has not seen."""
+        """
+        Play the random real episodes that are still missing, and fit the model to what it has not seen. If that was
+        interrupted between the real episodes after a search, :meth:`end_search` plays the others first.
+        """
         state, real = self.state, self.settings.real
         act = random_actor(self.problem.action_space, state.generator)
         if state.fitted_steps == 0:
-            while state.real_episodes < real.initial_episodes or len(state.dataset) < self._budget(real.initial_steps):
+            while self._misses(real.initial_episodes, real.initial_steps):
                 self.play(act)
-        if state.fitted_steps < len(state.dataset):
+        if self._unseen_steps and not self._is_between_episodes:
             self.refit()
+
+    @property
+    def _unseen_steps(self) -> int:
+        """Real steps that the model has not been fitted to."""
+        return len(self.state.dataset) - self.state.fitted_steps
+
+    def _misses(self, episodes: int, steps: int | None) -> bool:
+        """Whether there must be more real episodes before the next refit."""
+        unseen = sum(end > self.state.fitted_steps for end in accumulate(self.state.dataset.lengths))
+        return unseen < episodes or self._unseen_steps < self._budget(steps)
+
+    @property
+    def _is_between_episodes(self) -> bool:
+        """Whether a search has ended, and some of its real episodes are played, but not all."""
+        real = self.settings.real
+        played = self.state.fitted_steps > 0 and self._unseen_steps > 0
+        return played and self._misses(real.real_episodes, real.real_steps)
 
     def _budget(self, steps: int | None) -> int:
         """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
@@ -158,9 +176,15 @@ class Loop:
 
     @property
     def imagined_steps(self) -> int:
-        """Timesteps of the present search."""
-        steps = self.settings.search.imagined_steps
-        return IMAGINED_PER_REAL * self._new_steps if steps is None else steps
+        """Timesteps of the present search; 0 if it has ended before, and its real episodes were interrupted."""
+        if self._is_between_episodes:
+            return 0
+        if self.settings.search.imagined_steps is not None:
+            return self.settings.search.imagined_steps
+        new_steps = self.state.new_steps
+        if new_steps is None:
+            new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
+        return IMAGINED_PER_REAL * new_steps
 
     def begin_search(self, num_trajectories: int = 1) -> World:
         """
@@ -197,10 +221,8 @@ class Loop:
             )
             self._scalars["imagined/mode_return"] = promised
         uncertainties = []
-        real, before = self.settings.real, (self.state.real_episodes, len(self.state.dataset))
-        while self.state.real_episodes < before[0] + real.real_episodes or len(self.state.dataset) < before[
-            1
-        ] + self._budget(real.real_steps):
+        real = self.settings.real
+        while self._misses(real.real_episodes, real.real_steps):
             planner = search.planner(deterministic)
             if planner is None:
                 uncertainties.append(self._imagine(search.actor(deterministic)))
@@ -253,7 +275,7 @@ class Loop:
         # A search that needs no gradients, such as ARS, may have switched them off.
         with th.enable_grad():
             fit = state.dynamics.fit(state.dataset, state.generator)
-        self._new_steps = len(state.dataset) - state.fitted_steps
+        state.new_steps = self._unseen_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})

@@ -40,6 +40,9 @@ class HUCRLState:
     :param real_episodes: number of real episodes so far
     :param last_return: return of the latest real episode; mean of those that were played at once
     :param fitted_steps: number of real steps that the dynamics model was last fitted to
+    :param new_steps: number of those that it had not been fitted to before; None in files of earlier versions
+    :param search_start: number of timesteps at which the search for the next real episodes began; None in files of
+        earlier versions
     :param imagined_episodes: one for each real episode that a policy played, the first of those played at once
     :param best: parameters of the policy with the highest imagined return so far, in the search's own format; None
         while real episodes explore
@@ -51,6 +54,8 @@ class HUCRLState:
     real_episodes: int = 0
     last_return: float = float("nan")
     fitted_steps: int = 0
+    new_steps: int | None = None
+    search_start: int | None = None
     imagined_episodes: list[ImaginedEpisode] = field(default_factory=list)
     best: Any = None
 
@@ -68,7 +73,7 @@ class HUCRLState:
             episodes = state["imagined_episodes"]
             first = state["real_episodes"] - len(episodes) + 1
             state["imagined_episodes"] = [ImaginedEpisode(number, each) for number, each in enumerate(episodes, first)]
-        self.__dict__.update(state)
+        self.__dict__.update({"new_steps": None, "search_start": None, **state})
 
     def draw_seed(self) -> int:
         """A fresh seed for whatever needs a generator of its own."""

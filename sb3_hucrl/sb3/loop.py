@@ -37,7 +37,16 @@ def make_loop(
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     carried = get_state(model)
     systems = real_systems(env.venv)
-    loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_episode, on_refit)
+
+    def on_played() -> None:
+        # From here on the search is over, even if the training ends before the next one begins.
+        loop.state.search_start = model.num_timesteps
+        on_episode()
+
+    loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
+    # A search that was interrupted goes on, unless timesteps are counted from 0 again.
+    begun = loop.state.search_start
+    loop.state.search_start = model.num_timesteps if begun is None else min(begun, model.num_timesteps)
     if carried is None:
         attach_state(model, loop.state)
     elif verbose > 0:

@@ -38,8 +38,6 @@ class SB3Search:
 
     #: imagination steps all environments as one batch, which is slow with fewer
     min_envs = 2
-    #: whether there is a policy to search; without one, a timestep stands for a whole search
-    has_policy = True
 
     def __init__(self, model: BaseAlgorithm, env: ImaginationVecEnv, loop: Loop) -> None:
         if env.num_envs < self.min_envs:
@@ -84,6 +82,18 @@ class SB3Search:
         # SB3 keeps the observation to act on next here, and resets it only when training begins.
         model._last_obs = env.reset()  # type: ignore[assignment]  # typed without dictionary observations
         model._last_episode_starts = np.ones((env.num_envs,), dtype=bool)
+
+    @property
+    def steps(self) -> int:
+        """Timesteps so far, those before an interruption included."""
+        start = self._loop.state.search_start
+        assert start is not None  # as the loop was made for this algorithm
+        return self.model.num_timesteps - start
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is time for real episodes."""
+        return self.steps >= self._loop.imagined_steps
 
     def total_timesteps(self, handed_over: Mapping[str, Any]) -> int:
         """
@@ -208,12 +218,16 @@ class PlanningSearch(SB3Search):
 
     model: HMPC
     min_envs = 1
-    has_policy = False
 
     def _plan_in(self, world: World) -> None:
         super()._plan_in(world)
         self.model.planning, self.model.recipe = self._loop.settings.planning, self._loop.recipe
         self.model.planner = self._planner
+
+    @property
+    def is_over(self) -> bool:
+        """There is no policy to search: a timestep stands for a whole search."""
+        return self.steps >= min(1, self._loop.imagined_steps)
 
     def parameters(self) -> None:
         """Nothing: there is no policy to choose."""
