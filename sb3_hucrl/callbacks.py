@@ -9,7 +9,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
-from sb3_hucrl.loop import ModelSettings, RealSettings, SearchSettings, Settings
+from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
 from sb3_hucrl.sb3 import TrainingLog, find_imagination, make_loop, make_search, require_place, save_atomically
 from sb3_hucrl.tasks import Task
@@ -56,7 +56,7 @@ class HUCRLCallback(BaseCallback):
     :param standardise: whether the policy's networks see standardised observations, where they do not already
     :param reward_threshold: stop training after a round of real episodes with at least this mean return; default: never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 gives the run's folder
-    :param checkpoint: zip file to save the model in after every real episode; rl_zoo3 gives ``checkpoint.zip``
+    :param checkpoint: zip file to save the model in after every real episode and refit; in rl_zoo3 ``checkpoint.zip``
     :param verbose: 1 prints what is resumed
     :raises ValueError: if a number is out of its range or a name unknown
     """
@@ -109,7 +109,7 @@ class HUCRLCallback(BaseCallback):
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
         self._env = find_imagination(self.training_env)
-        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._log.record, self.verbose)
+        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._on_refit, self.verbose)
         self._search = make_search(self.model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)
         self._log.begin(self.model, self.log_dir, held=lambda: self._env.trajectories is not None)
@@ -140,6 +140,10 @@ class HUCRLCallback(BaseCallback):
     def _end_search(self) -> None:
         progress = self.model.num_timesteps / self._total_timesteps
         self._loop.end_search(self._search, deterministic=progress >= self.settings.real.sampling_fraction)
+
+    def _on_refit(self, report: Report) -> None:
+        self._log.record(report)
+        self._save()
 
     def _save(self) -> None:
         if self.checkpoint is not None:

@@ -2,6 +2,7 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.checkpoint import save_atomically
+from sb3_hucrl.sb3.curve import Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.parameters import Parameters
@@ -15,6 +16,7 @@ from sb3_hucrl.sb3.state import attach_state, get_state
 __all__ = [
     "MixedReplayBuffer",
     "Parameters",
+    "Row",
     "SB3Policy",
     "SB3Search",
     "SingleEnv",
@@ -30,4 +32,5 @@ __all__ = [
     "real_systems",
     "require_place",
     "save_atomically",
+    "saved_curve",
 ]

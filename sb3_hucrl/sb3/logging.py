@@ -4,27 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.logger import CSVOutputFormat, Figure, Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import (
+    CSVOutputFormat,
+    Figure,
+    KVWriter,
+    Logger,
+    TensorBoardOutputFormat,
+    filter_excluded_keys,
+)
 
 from sb3_hucrl.dynamics.calibration import Calibration
 from sb3_hucrl.loop import Report
 from sb3_hucrl.plots import reliability_figure
+from sb3_hucrl.sb3.curve import Row, carried_curve, plain
 from sb3_hucrl.sb3.dumps import HeldDumps
 
 #: outputs in which a value per state dimension would hide the rest
 TERSE = ("stdout", "log")
 
 
+class CurveOutput(KVWriter):
+    """
+    An output of SB3's logger that remembers the rows of ``progress.csv``, and writes the file if there is a folder for
+    it. The file begins with the rows so far, whatever was in it.
+
+    :param rows: so far; it grows
+    :param folder: is made if it does not exist; None for no file
+    """
+
+    def __init__(self, rows: list[Row], folder: str | None) -> None:
+        self._rows, self._csv = rows, None
+        if folder is not None:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            self._csv = CSVOutputFormat(str(Path(folder) / "progress.csv"))
+            for row in rows:
+                self._csv.write(row, {})
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        row = plain(filter_excluded_keys(key_values, key_excluded, "csv"))
+        self._rows.append(row)
+        if self._csv is not None:
+            self._csv.write(row, {})
+
+    def close(self) -> None:
+        if self._csv is not None:
+            self._csv.close()
+
+
 class TrainingLog:
     """
     What is written of a training: one row, or table, for each real episode, with the latest that the algorithm itself
-    recorded. It goes to the outputs of the algorithm's logger, and to ``progress.csv`` if there is a folder for it.
+    recorded. It goes to the outputs of the algorithm's logger, into the curve that the algorithm carries, and to
+    ``progress.csv`` if there is a folder for it.
     """
-
-    def __init__(self) -> None:
-        self._csv: CSVOutputFormat | None = None
 
     def begin(self, model: BaseAlgorithm, folder: str | None, held: Callable[[], bool]) -> None:
         """
@@ -33,11 +68,9 @@ class TrainingLog:
         :param held: whether to hold back what the algorithm itself would write, see :class:`HeldDumps`
         """
         self._model = model
-        if folder is not None and self._csv is None:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            self._csv = CSVOutputFormat(str(Path(folder) / "progress.csv"))
-        if self._csv is not None and self._csv not in model.logger.output_formats:
-            model.logger.output_formats.append(self._csv)
+        # An interrupted training has left its own here.
+        self._remove_output()
+        model.logger.output_formats.append(CurveOutput(carried_curve(model)["progress"], folder))
         self._dumps = HeldDumps(model.logger, held)
 
     def record(self, report: Report) -> None:
@@ -49,6 +82,13 @@ class TrainingLog:
     def end(self) -> None:
         """Leave the logger as it was. A second call changes nothing."""
         self._dumps.release()
+        self._remove_output()
+
+    def _remove_output(self) -> None:
+        outputs = self._model.logger.output_formats
+        for output in [each for each in outputs if isinstance(each, CurveOutput)]:
+            output.close()
+            outputs.remove(output)
 
 
 def record(logger: Logger, report: Report, num_timesteps: int) -> None:

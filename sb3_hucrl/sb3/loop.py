@@ -7,6 +7,7 @@ from collections.abc import Callable
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.loop import Loop, Report, Settings
+from sb3_hucrl.sb3.curve import carried_curve, monitor_recorder
 from sb3_hucrl.sb3.stack import read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward
@@ -36,7 +37,7 @@ def make_loop(
     if isinstance(problem.task, LearnedReward):
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     carried = get_state(model)
-    systems = real_systems(env.venv)
+    systems = real_systems(env.venv, monitor_recorder(carried_curve(model)))
 
     def on_played() -> None:
         # From here on the search is over, even if the training ends before the next one begins.

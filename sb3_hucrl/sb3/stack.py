@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
@@ -46,10 +47,11 @@ class SingleEnv:
 
     :param venv: real environments
     :param index: of the environment
+    :param on_monitored: called at the end of each episode with what Monitor says of it
     """
 
-    def __init__(self, venv: VecEnv, index: int) -> None:
-        self._venv, self._index = venv, index
+    def __init__(self, venv: VecEnv, index: int, on_monitored: Callable[[Mapping[str, Any]], None]) -> None:
+        self._venv, self._index, self._on_monitored = venv, index, on_monitored
 
     def reset(self) -> tuple[Any, dict[str, Any]]:
         observation, infos = self._venv.env_method("reset", indices=self._index)[0]
@@ -58,16 +60,19 @@ class SingleEnv:
     def step(self, action: Array, /) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         result = self._venv.env_method("step", action, indices=self._index)[0]
         observation, reward, terminated, truncated, infos = result
+        if (terminated or truncated) and "episode" in infos:
+            self._on_monitored(infos["episode"])
         return observation, reward, terminated, truncated, infos
 
 
-def real_systems(venv: VecEnv) -> RealSystems:
+def real_systems(venv: VecEnv, on_monitored: Callable[[Mapping[str, Any]], None] = lambda episode: None) -> RealSystems:
     """
     :param venv: real environments
+    :param on_monitored: called at the end of each episode with what Monitor says of it
     :return: the same as single ones, which are called at the same time if they live in the processes of a
         SubprocVecEnv, and otherwise one after another
     """
-    single = [SingleEnv(venv, index) for index in range(venv.num_envs)]
+    single = [SingleEnv(venv, index, on_monitored) for index in range(venv.num_envs)]
     # Each process has a pipe of its own, so that a thread can wait for each. What lives in this process may draw from
     # numpy's global generator, or insist on its thread.
     return ParallelSystems(single) if isinstance(venv, SubprocVecEnv) else RealSystems(single)

@@ -1,0 +1,106 @@
+"""The learning curve of a run, which its zip file carries so that the files of a resumed run begin with it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from itertools import accumulate
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from sb3_hucrl.loop import HUCRLState
+from sb3_hucrl.sb3.checkpoint import read_attribute
+from sb3_hucrl.sb3.state import ATTRIBUTE as STATE
+from sb3_hucrl.sb3.state import get_state
+
+#: SB3 saves every attribute of an algorithm in its zip file, and this one, of plain numbers and texts, as readable JSON
+ATTRIBUTE = "hucrl_curve"
+#: in seconds; their order is all that is known of the times of real episodes in files of earlier versions
+TICK = 1e-6
+
+Row = dict[str, Any]
+
+
+class Curve(TypedDict):
+    """
+    :param progress: rows of ``progress.csv``, by column
+    :param monitor: rows of ``monitor.csv``, one for each real episode; ``t`` counts the seconds of training alone
+    """
+
+    progress: list[Row]
+    monitor: list[Row]
+
+
+def carried_curve(model: BaseAlgorithm) -> Curve:
+    """
+    :param model: SB3 algorithm
+    :return: the curve that it carries from now on; what is appended to it travels in the algorithm's zip file
+    """
+    curve = _whole(getattr(model, ATTRIBUTE, None), get_state(model))
+    setattr(model, ATTRIBUTE, curve)
+    return curve
+
+
+def saved_curve(path: str | Path) -> Curve | None:
+    """
+    :param path: zip file of an SB3 algorithm
+    :return: the curve in it, or None if no :class:`sb3_hucrl.HUCRLCallback` has trained the algorithm
+    """
+    state = read_attribute(path, STATE)
+    return None if state is None else _whole(read_attribute(path, ATTRIBUTE), state)
+
+
+def monitor_recorder(curve: Curve) -> Callable[[Mapping[str, Any]], None]:
+    """
+    :param curve: to append to
+    :return: to be called, at the end of each real episode, with what Monitor says of it
+    """
+    rows = curve["monitor"]
+    # Monitor counts from when its environment was made, each time anew.
+    begun = time.monotonic() - (rows[-1]["t"] if rows else 0.0)
+
+    def record(episode: Mapping[str, Any]) -> None:
+        rows.append(plain({**episode, "t": round(time.monotonic() - begun, 6)}))
+
+    return record
+
+
+def plain(values: Mapping[str, Any]) -> Row:
+    """
+    :param values: by name
+    :return: those that are numbers or texts, as Python's own
+    """
+    row: Row = {}
+    for name, value in values.items():
+        number = value.item() if isinstance(value, np.generic) else value
+        if isinstance(number, str | int | float):
+            row[name] = number
+        elif isinstance(number, th.Tensor) and number.numel() == 1:
+            row[name] = number.item()
+    return row
+
+
+def _whole(curve: Curve | None, state: HUCRLState | None) -> Curve:
+    """The curve, with what the real transitions say where files of earlier versions have none."""
+    whole = Curve(progress=[], monitor=[]) if curve is None else curve
+    if state is None or len(whole["monitor"]) == state.real_episodes:
+        return whole
+    lengths = state.dataset.lengths
+    returns = [float(episode.rewards.double().sum()) for episode in state.dataset.episodes]
+    seen = zip(accumulate(lengths), returns, strict=True)
+    return Curve(
+        progress=whole["progress"]
+        or [
+            {"real/episode": number, "real/steps": steps, "real/return": value}
+            for number, (steps, value) in enumerate(seen, 1)
+            if steps <= state.fitted_steps
+        ],
+        monitor=[
+            {"r": round(value, 6), "l": length, "t": round(number * TICK, 6)}
+            for number, (length, value) in enumerate(zip(lengths, returns, strict=True))
+        ],
+    )
