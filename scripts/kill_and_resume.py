@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import accumulate
 from pathlib import Path
 
 import torch as th
@@ -18,7 +19,7 @@ from stable_baselines3 import SAC
 from tqdm import trange
 
 from sb3_hucrl import HUCRLState
-from sb3_hucrl.sb3 import get_state
+from sb3_hucrl.sb3 import get_state, saved_curve
 
 ENV_ID = "HUCRL-Pendulum-v0"
 #: seconds within which a checkpoint must appear
@@ -40,13 +41,17 @@ def latest_checkpoint(folder: Path) -> Path | None:
 def load(path: Path) -> HUCRLState:
     """
     :param path: path of a checkpoint
-    :raises AssertionError: if its counters contradict each other
+    :raises AssertionError: if its counters contradict each other, or its learning curve has not each episode once
     """
-    state = get_state(SAC.load(path, device="cpu"))
+    state, curve = get_state(SAC.load(path, device="cpu")), saved_curve(path)
     assert state is not None, path
+    assert curve is not None, path
     assert state.real_episodes == len(state.dataset.lengths), path
     assert sum(state.dataset.lengths) == len(state.dataset), path
     assert state.fitted_steps <= len(state.dataset), path
+    seen = sum(end <= state.fitted_steps for end in accumulate(state.dataset.lengths))
+    assert [row["real/episode"] for row in curve["progress"]] == list(range(1, seen + 1)), path
+    assert [row["l"] for row in curve["monitor"]] == state.dataset.lengths, path
     return state
 
 
@@ -86,7 +91,8 @@ def main() -> None:
             after = load(newest)
             if before is not None:
                 kept = len(before.dataset)
-                assert after.real_episodes > before.real_episodes
+                # A resumed run writes its first checkpoint before it plays, if it has to make up for a refit.
+                assert after.real_episodes >= before.real_episodes
                 assert th.equal(after.dataset.transitions.states[:kept], before.dataset.transitions.states)
                 assert th.equal(after.dataset.transitions.actions[:kept], before.dataset.transitions.actions)
             before = after

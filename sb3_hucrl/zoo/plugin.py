@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from contextlib import nullcontext
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -16,9 +17,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.envs.twins import Twin, UnsupportedEnvironmentError
+from sb3_hucrl.sb3 import get_state, saved_curve
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
 from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
+from sb3_hucrl.zoo.resume import Resumed, begin_monitor_files
 from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.settings import move_settings
 from sb3_hucrl.zoo.tuning import prepare_trial
@@ -105,10 +108,29 @@ def _read_hyperparameters(original: Callable[..., Any]) -> Callable[..., Any]:
     return read_hyperparameters
 
 
+def _create_envs(original: Callable[..., Any]) -> Callable[..., Any]:
+    def create_envs(self: ExperimentManager, n_envs: int, eval_env: bool = False, no_log: bool = False) -> Any:
+        logs = self.continue_training and _callbacks(self) and not (eval_env or no_log)
+        curve = saved_curve(self.trained_agent) if logs else None
+        if curve is None:
+            return original(self, n_envs, eval_env, no_log)
+        rows, env_id = curve["monitor"], str(self.env_name.gym_id)
+        start = begin_monitor_files(Path(self.save_path), env_id, n_envs, rows, self.monitor_kwargs)
+        self.monitor_kwargs = {**self.monitor_kwargs, "override_existing": False}
+        env = original(self, n_envs, eval_env, no_log)
+        env.env_method("set_wrapper_attr", "t_start", start)
+        return env
+
+    return create_envs
+
+
 def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
     def learn(self: ExperimentManager, model: BaseAlgorithm) -> None:
+        trained: BaseAlgorithm | Resumed = model
+        if self.continue_training and _callbacks(self) and get_state(model) is not None:
+            trained = Resumed(model, Path(self.save_path).name, self.verbose)
         with interrupt_on_termination() if _callbacks(self) else nullcontext():
-            original(self, model)
+            original(self, trained)
 
     return learn
 
@@ -126,6 +148,7 @@ def install() -> None:
     _extend("__init__", _init)
     _extend("create_callbacks", _create_callbacks)
     _extend("read_hyperparameters", _read_hyperparameters)
+    _extend("create_envs", _create_envs)
     _extend("learn", _learn)
     _extend("objective", _objective)
     register_algorithms()
