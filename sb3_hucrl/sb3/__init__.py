@@ -5,6 +5,7 @@ from sb3_hucrl.sb3.checkpoint import save_atomically
 from sb3_hucrl.sb3.curve import Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
+from sb3_hucrl.sb3.normalization import saved_normalization
 from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
@@ -33,4 +34,5 @@ __all__ = [
     "require_place",
     "save_atomically",
     "saved_curve",
+    "saved_normalization",
 ]

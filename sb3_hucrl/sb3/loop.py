@@ -8,6 +8,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.loop import Loop, Report, Settings
 from sb3_hucrl.sb3.curve import carried_curve, monitor_recorder
+from sb3_hucrl.sb3.normalization import carry_normalization
 from sb3_hucrl.sb3.stack import read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward
@@ -45,6 +46,7 @@ def make_loop(
         on_episode()
 
     loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
+    carry_normalization(model)
     # A search that was interrupted goes on, unless timesteps are counted from 0 again.
     begun = loop.state.search_start
     loop.state.search_start = model.num_timesteps if begun is None else min(begun, model.num_timesteps)

@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_hucrl.imagination import World
 from sb3_hucrl.loop import HUCRLState, Loop, Problem, Settings
-from sb3_hucrl.sb3 import get_state
+from sb3_hucrl.sb3 import get_state, saved_normalization
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.zoo.callback_entry import find_entry
 
@@ -74,20 +74,24 @@ class ZooRun:
         with warnings.catch_warnings():
             # SB3 says so of every loaded model, whose n-step replay buffer it has made itself.
             warnings.filterwarnings("ignore", message="`n_steps=")
-            return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(), device="cpu")
+            return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(paths[0]), device="cpu")
 
-    def _normalised_env(self) -> VecNormalize | None:
+    def _normalised_env(self, model: Path) -> VecNormalize | None:
         args, config = self._settings
         if not config.get("normalize"):
             return None
-        # SB3 keeps the statistics of observations apart from the model.
+        env = DummyVecEnv([self.real_env])
+        normalization = saved_normalization(model)
+        if normalization is not None:
+            return normalization.wrap(env)
+        # Files of earlier versions have no statistics, which SB3 keeps apart from the model.
         path = self.folder / args["env"] / "vecnormalize.pkl"
         if not path.is_file():
             raise ValueError(
                 f"{self.folder} normalises observations and was ended before rl_zoo3 saved their statistics, without "
                 "which the policy cannot act: end the training with Ctrl-C, or train with normalize:False"
             )
-        return VecNormalize.load(str(path), DummyVecEnv([self.real_env]))
+        return VecNormalize.load(str(path), env)
 
     @cached_property
     def state(self) -> HUCRLState:
