@@ -42,8 +42,7 @@ class HUCRLCallback(BaseCallback):
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
-    :param real_envs: number of environments that play real episodes at once, a round; the processes of a SubprocVecEnv
-        step at the same time. ``real/return`` is the mean of a round
+    :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
     :param sampling_fraction: fraction of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -51,8 +50,7 @@ class HUCRLCallback(BaseCallback):
     :param planner: H-MPC: name of a planner (:data:`sb3_hucrl.planning.PLANNERS`) that acts in real episodes
     :param planner_kwargs: arguments of :class:`sb3_hucrl.planning.HMPCSettings` and of the planner
     :param dyna_mpc: arguments of :class:`sb3_hucrl.planning.DynaMPCSettings`, to plan around the policy
-    :param uncertainty_cap: truncate imagined trajectories where the epistemic std of any state dimension exceeds this
-        multiple of what 95 % of the real transitions have; by default never
+    :param uncertainty_cap: truncate trajectories where the epistemic std is this multiple of the usual one; None: never
     :param standardise: whether the policy's networks see standardised observations, where they do not already
     :param reward_threshold: stop training after a round of real episodes with at least this mean return; default: never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 gives the run's folder
