@@ -32,17 +32,17 @@ class HUCRLCallback(BaseCallback):
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
     :param dynamics: a dynamics model, or the name of one (:data:`sb3_hucrl.dynamics.DYNAMICS`)
     :param dynamics_kwargs: arguments of the named model
-    :param task: reward, termination and state: a task, the place to import one from (``"my_module.MyTask"``), or
-        ``"learned"``; by default the one registered for the environment's id, and learned where there is none
+    :param task: a task, the place to import one from, or ``"learned"``; by default that of the id, or learned
     :param task_kwargs: arguments of an imported or learned task
     :param horizon: length of an imagined trajectory; by default as long as the model can be trusted, at most a real
         episode; ``[first, last, begin, end]`` lets it grow from first to last between these numbers of real steps
-    :param imagined_steps: timesteps of each policy search; by default 64 for each real step since the last one
+    :param imagined_steps: timesteps of each policy search; by default 64 for each new real step, 128 for few of them
     :param initial_episodes: random real episodes before the first search, at least 1
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
     :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
+    :param max_real_steps: stop training after the first real episode that reaches so many real steps; by default never
     :param sampling_fraction: fraction of the training in which real episodes sample the policy, in [0, 1]
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -75,6 +75,7 @@ class HUCRLCallback(BaseCallback):
         real_episodes: int = 1,
         real_steps: int | None = None,
         real_envs: int = 1,
+        max_real_steps: int | None = None,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
@@ -92,7 +93,7 @@ class HUCRLCallback(BaseCallback):
         super().__init__(verbose)
         if isinstance(exploration, str):
             exploration = make_strategy(exploration, **(exploration_kwargs or {}))
-        played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs
+        played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
         real_data, stale, cap = real_data_fraction, stale_fraction, uncertainty_cap
         self.settings = Settings(
             RealSettings(*played, sampling_fraction, reward_threshold),
@@ -120,7 +121,7 @@ class HUCRLCallback(BaseCallback):
             self._start_search()
 
     def _on_step(self) -> bool:
-        return not self._loop.solved
+        return not self._loop.finished
 
     def _on_training_end(self) -> None:
         # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not played.
@@ -136,7 +137,7 @@ class HUCRLCallback(BaseCallback):
         self._searching = True
 
     def _end_search(self) -> None:
-        progress = self.model.num_timesteps / self._total_timesteps
+        progress = max(self.model.num_timesteps / self._total_timesteps, self._loop.progress)
         self._loop.end_search(self._search, deterministic=progress >= self.settings.real.sampling_fraction)
 
     def _on_refit(self, report: Report) -> None:

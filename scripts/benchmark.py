@@ -28,7 +28,7 @@ from tqdm import tqdm
 from results_table import ResultsTable, real_episodes
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.envs import ENVIRONMENTS
-from sb3_hucrl.loop.loop import IMAGINED_PER_REAL
+from sb3_hucrl.loop import search_length
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.runs import ZooRun
 
@@ -84,7 +84,7 @@ def imagined_steps(run: Run) -> int:
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
     steps = entry.build().settings.search.imagined_steps
-    return steps or IMAGINED_PER_REAL * (gym.spec(run.env).max_episode_steps or 0)
+    return steps or search_length(gym.spec(run.env).max_episode_steps or 0)
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:

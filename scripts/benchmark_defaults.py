@@ -1,7 +1,7 @@
 """
 The README's three lines on one environment after another, with nothing changed but its id: real returns over seeds.
 
-A run ends when it has used its real steps. Finished runs are appended to the CSV at once and skipped when the same
+Finished runs are appended to the CSV at once and skipped when the same
 command is given again.
 """
 
@@ -23,16 +23,16 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from results_table import ResultsTable, real_episodes
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
-from sb3_hucrl.loop.loop import IMAGINED_PER_REAL
 
-#: real steps by environment, and what counts as solved: a return, or a mean over the last ten episodes of Reacher-v5
+#: timesteps of search by environment, and what counts as solved: a return, or a mean over the last ten episodes of
+#: Reacher-v5
 TASKS = {
-    "Pendulum-v1": (1_000, -250.0),
-    "MountainCarContinuous-v0": (3_000, 90.0),
-    "InvertedPendulum-v5": (3_000, 1_000.0),
-    "InvertedDoublePendulum-v5": (10_000, 9_000.0),
-    "Reacher-v5": (10_000, -6.0),
-    "Parking-v0": (2_000, -40.0),
+    "Pendulum-v1": (128_000, -250.0),
+    "MountainCarContinuous-v0": (192_000, 90.0),
+    "InvertedPendulum-v5": (256_000, 1_000.0),
+    "InvertedDoublePendulum-v5": (1_280_000, 9_000.0),
+    "Reacher-v5": (1_280_000, -6.0),
+    "Parking-v0": (256_000, -40.0),
 }
 #: of SAC in the README
 SETTINGS: dict[str, Any] = {"learning_rate": 1e-3, "gamma": 0.99, "tau": 0.02, "gradient_steps": 4, "n_steps": 4}
@@ -47,10 +47,10 @@ class Run:
     seed: int
 
 
-def train(run: Run, real_steps: int | None) -> pd.DataFrame:
+def train(run: Run, timesteps: int | None) -> pd.DataFrame:
     """
     :param run: what to train
-    :param real_steps: to use; None for those of :data:`TASKS`
+    :param timesteps: of search; None for those of :data:`TASKS`
     :return: one row for each real episode
     """
     th.set_num_threads(1)
@@ -58,8 +58,7 @@ def train(run: Run, real_steps: int | None) -> pd.DataFrame:
     with tempfile.TemporaryDirectory() as folder:
         venv = make_vec_env(run.env, 32, run.seed, monitor_dir=folder, wrapper_class=HallucinationWrapper)
         model = SAC("MlpPolicy", ImaginationVecEnv(venv), seed=run.seed, **SETTINGS)
-        steps = IMAGINED_PER_REAL * (real_steps or TASKS[run.env][0])
-        model.learn(steps, callback=HUCRLCallback())
+        model.learn(timesteps or TASKS[run.env][0], callback=HUCRLCallback())
         return real_episodes(folder)
 
 
@@ -68,12 +67,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--envs", nargs="+", default=list(TASKS))
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53])
-    parser.add_argument("--real-steps", type=int, help="by default those of each environment")
+    parser.add_argument("--timesteps", type=int, help="of search; by default those of each environment")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side")
     parser.add_argument("--output", type=Path, default=Path("results/defaults.csv"))
     args = parser.parse_args()
     table = ResultsTable(args.output, Run)
-    execute = partial(train, real_steps=args.real_steps)
+    execute = partial(train, timesteps=args.timesteps)
     table.fill([Run(env, seed) for env, seed in product(args.envs, args.seeds)], execute, args.jobs)
     for env, rows in table.rows.groupby("env"):
         solved = TASKS[str(env)][1]

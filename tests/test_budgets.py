@@ -12,6 +12,7 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from helpers import imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv
+from sb3_hucrl.loop import search_length
 from sb3_hucrl.loop.schedule import HorizonSchedule
 
 
@@ -70,9 +71,10 @@ def test_a_search_is_as_long_as_there_are_new_steps() -> None:
             starts.append(self.model.num_timesteps)
 
     callback = Spy(horizon=10, dynamics_kwargs={"gradient_steps": 5}, initial_episodes=2)
-    small_sac(imagination_env(max_episode_steps=5)).learn(1_600, callback=callback)
-    # 64 for each of ten random real steps, then 64 for each of the five steps of every later episode.
-    assert starts == [0, 640, 960, 1_280]
+    small_sac(imagination_env(max_episode_steps=5)).learn(3_200, callback=callback)
+    # 128 for each of ten random real steps, then 128 for each of the five steps of every later episode.
+    assert starts == [0, 1_280, 1_920, 2_560]
+    assert [search_length(steps) for steps in (5, 150, 200, 300, 400, 1_000)] == [640, 19_200, *(25_600,) * 3, 64_000]
 
 
 @pytest.mark.parametrize("name", ["initial_steps", "real_steps"])
@@ -105,3 +107,20 @@ def test_each_search_has_the_horizon_of_its_time() -> None:
         240, callback=Spy(imagined_steps=80, horizon=[2, 6, 10, 30], dynamics_kwargs={"gradient_steps": 5})
     )
     assert horizons == [2, 4, 6]
+
+
+@pytest.mark.parametrize(("most", "expected"), [(60, 6), (65, 7)])
+def test_a_budget_of_real_steps_ends_the_training_and_its_half_the_sampling(most: int, expected: int) -> None:
+    modes = []
+
+    class Spy(HUCRLCallback):
+        def _end_search(self) -> None:
+            before = len(state_of(self.model).dataset)
+            super()._end_search()
+            modes.append((before, state_of(self.model).best is not None))
+
+    settings: dict[str, Any] = {"imagined_steps": 40, "horizon": 5, "dynamics_kwargs": {"gradient_steps": 5}}
+    callback = Spy(**settings, real_steps=1, initial_steps=1, max_real_steps=most)
+    model = small_sac(imagination_env(max_episode_steps=10)).learn(100_000, callback=callback)
+    assert state_of(model).real_episodes == expected
+    assert modes == [(before, before >= most / 2) for before in range(10, 10 * expected, 10)]

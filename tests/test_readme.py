@@ -18,7 +18,7 @@ SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 def test_the_three_line_change_runs() -> None:
     [snippet, _] = SNIPPETS
     # Shorter, so that the test takes seconds; nothing else is changed.
-    short = snippet.replace("64_000", "640").replace("HUCRLCallback()", "HUCRLCallback(imagined_steps=320)")
+    short = snippet.replace("128_000", "640").replace("HUCRLCallback()", "HUCRLCallback(imagined_steps=320)")
     assert "640" in short
     assert "320" in short
     namespace: dict[str, Any] = {}

@@ -255,8 +255,8 @@ def test_a_resumed_search_is_as_long_as_the_new_steps_before_it(tmp_path: Path) 
     settings: dict[str, Any] = {"real_episodes": 2, "horizon": 5, "dynamics_kwargs": {"gradient_steps": 5}}
     env, path = imagination_env(max_episode_steps=5), tmp_path / "model"
     first, second = Budgets(**settings), Budgets(**settings)
-    small_sac(env, train_freq=16).learn(400, callback=first).save(path)
+    small_sac(env, train_freq=16).learn(800, callback=first).save(path)
     SAC.load(path, env=env, device="cpu").learn(64, callback=second, reset_num_timesteps=False)
-    # 64 for each of the ten steps of the two latest episodes.
-    assert first.noted == [320, 640]
-    assert second.noted == [640]
+    # 128 for each of the ten steps of the two latest episodes.
+    assert first.noted == [640, 1_280]
+    assert second.noted == [1_280]

@@ -52,7 +52,7 @@ def test_every_environment_is_there_with_room_for_hallucination(task: SuiteTask)
 def test_all_environments_get_the_default_setting() -> None:
     plan = PLANS["hucrl"](next(task for task in TASKS if task.env == "HUCRL-Reacher-v0"), "sac", False)
     assert plan.entry == default_entry("sac")
-    assert (plan.env, plan.timesteps, plan.entry_name) == ("HUCRL-Reacher-v0", 64 * 3_000, "default")
+    assert (plan.env, plan.words[-1], plan.entry_name) == ("HUCRL-Reacher-v0", "hucrl_max_real_steps:3000", "default")
     assert PLANS["hucrl"](TASK, "sac", False).env == "HUCRL-Pendulum-v1"
 
 
@@ -179,15 +179,20 @@ def test_a_finished_run_is_not_run_again(tmp_path: Path) -> None:
 
 def test_a_run_that_was_interrupted_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def end_early(words: list[str], name: str) -> None:
-        folder = Path(words[words.index("-f") + 1]) / "sac" / "HUCRL-Pendulum-v1_1"
+        twin = "HUCRL-Pendulum-v1" if "hucrl_max_real_steps:1000" in words else "Pendulum-v1"
+        folder = Path(words[words.index("-f") + 1]) / "sac" / f"{twin}_1"
         folder.mkdir(parents=True)
-        with ZipFile(folder / "HUCRL-Pendulum-v1.zip", "w") as file:
-            file.writestr("data", json.dumps({"num_timesteps": 63_999}))
+        (folder / "0.monitor.csv").write_text('#{"t_start": 0}\nr,l,t\n-5.0,999,1.0\n')
+        with ZipFile(folder / f"{twin}.zip", "w") as file:
+            file.writestr("data", json.dumps({"num_timesteps": 9_999}))
 
     monkeypatch.setattr(suite_parts.run, "run_process", end_early)
-    run = SuiteRun(TASK, "hucrl", "sac", 51)
-    assert launch([run], tmp_path, 1) == ["hucrl Pendulum-v1 51 ended early, after 63999 of 64000 timesteps"]
-    assert not run.path(tmp_path).exists()
+    ours, baseline = SuiteRun(TASK, "hucrl", "sac", 51), SuiteRun(TASK, "baseline", "sac", 51)
+    assert launch([ours, baseline], tmp_path, 1) == [
+        "hucrl Pendulum-v1 51 ended early, after 999 of 1000 real steps",
+        "baseline Pendulum-v1 51 ended early, after 9999 of 10000 timesteps",
+    ]
+    assert not ours.path(tmp_path).exists()
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ from typing import Any
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from sb3_hucrl.loop import Settings
-from sb3_hucrl.loop.loop import FEW_STEPS, IMAGINED_PER_REAL
+from sb3_hucrl.loop import Settings, search_length
+from sb3_hucrl.loop.budget import FEW_STEPS
 
 #: horizon from which on a reward may be too far away for one-step targets
 FAR_AWAY = 100
@@ -76,7 +76,7 @@ def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAl
         beta=float(beta) if isinstance(beta, int | float) else None,
         dynamics=dynamics if isinstance(dynamics, str) else type(dynamics).__name__,
         horizon=horizon,
-        imagined_steps=search.imagined_steps or IMAGINED_PER_REAL * max(FEW_STEPS, horizon),
+        imagined_steps=search.imagined_steps or search_length(max(FEW_STEPS, horizon)),
         uncertainty_cap=search.uncertainty_cap,
         real_episodes=real_episodes,
         inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,

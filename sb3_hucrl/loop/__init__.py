@@ -1,6 +1,7 @@
 """The outer loop of H-UCRL (Algorithm 2), for any policy search."""
 
 from sb3_hucrl.loop.actors import random_actor
+from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.loop import JUDGED, Loop
 from sb3_hucrl.loop.problem import Problem
@@ -28,5 +29,7 @@ __all__ = [
     "SearchSettings",
     "Settings",
     "choose_policy",
+    "least_real_steps",
     "random_actor",
+    "search_length",
 ]

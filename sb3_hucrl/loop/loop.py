@@ -23,6 +23,7 @@ from sb3_hucrl.imagination import (
     trusted_horizon,
 )
 from sb3_hucrl.loop.actors import random_actor
+from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
@@ -36,10 +37,6 @@ from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
 JUDGED = 32
-#: real steps that are worth a refit, where an episode may have fewer
-FEW_STEPS = 200
-#: timesteps of search for each new real step
-IMAGINED_PER_REAL = 64
 
 
 class Loop:
@@ -100,8 +97,7 @@ class Loop:
         self._starts = self.recipe.starts(self.state)
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
-        #: whether a round of real episodes has reached the ``reward_threshold``
-        self.solved = False
+        self._solved = False
         self._scalars: dict[str, float] = {}
         self._rollout_seconds = 0.0
         self._search_started = time.perf_counter()
@@ -172,7 +168,18 @@ class Loop:
 
     def _budget(self, steps: int | None) -> int:
         """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
-        return min(FEW_STEPS, self.problem.episode_length) if steps is None else steps
+        return least_real_steps(self.problem.episode_length) if steps is None else steps
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the ``max_real_steps`` that are used up; 0 where there is no such number."""
+        most = self.settings.real.max_real_steps
+        return 0.0 if most is None else len(self.state.dataset) / most
+
+    @property
+    def finished(self) -> bool:
+        """Whether real episodes have reached the ``reward_threshold``, or the ``max_real_steps``."""
+        return self._solved or self.progress >= 1
 
     @property
     def imagined_steps(self) -> int:
@@ -184,7 +191,7 @@ class Loop:
         new_steps = self.state.new_steps
         if new_steps is None:
             new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
-        return IMAGINED_PER_REAL * new_steps
+        return search_length(new_steps)
 
     def begin_search(self, num_trajectories: int = 1) -> World:
         """
@@ -267,7 +274,7 @@ class Loop:
             state.real_episodes += 1
         state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
         threshold = self.settings.real.reward_threshold
-        self.solved |= threshold is not None and state.last_return >= threshold
+        self._solved |= threshold is not None and state.last_return >= threshold
 
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""

@@ -36,6 +36,7 @@ class RealSettings:
     :param real_episodes: after each search, at least 1
     :param real_steps: steps that these have together, at least; None as above
     :param real_envs: number of environments in which they are played at once, at least 1
+    :param max_real_steps: that end the training; None for no such number
     :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
     :param reward_threshold: a return, mean of a round, that ends the training; None for none
     :raises ValueError: if a number is out of its range
@@ -46,6 +47,7 @@ class RealSettings:
     real_episodes: int = 1
     real_steps: int | None = None
     real_envs: int = 1
+    max_real_steps: int | None = None
     sampling_fraction: float = 0.5
     reward_threshold: float | None = None
 
@@ -56,6 +58,7 @@ class RealSettings:
             real_episodes=self.real_episodes,
             real_steps=self.real_steps,
             real_envs=self.real_envs,
+            max_real_steps=self.max_real_steps,
         )
         _require_fraction(sampling_fraction=self.sampling_fraction)
 
@@ -67,7 +70,7 @@ class SearchSettings:
 
     :param strategy: how imagination uses uncertainty
     :param imagined_steps: timesteps of each search, over all imagined trajectories; None for 64 for each real step
-        since the last one
+        since the last one, and up to 128 where these are few
     :param horizon: length of an imagined trajectory, or ``[first, last, begin, end]`` to let it grow between these
         numbers of real steps; None for as long as the model can be trusted
     :param start_states: weights of the kinds of start states, see :class:`sb3_hucrl.imagination.StartStates`

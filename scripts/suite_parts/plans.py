@@ -13,14 +13,14 @@ from typing import Any
 
 import yaml
 
-from sb3_hucrl.loop.loop import IMAGINED_PER_REAL
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
-from sb3_hucrl.zoo.callback_entry import find_entry
 from suite_parts.tasks import SuiteTask
 
 #: real steps that SAC without a model gets, for each one of ours
 TENFOLD = 10
 DEFAULT = "default"
+#: timesteps of search for each real step, at most
+ENOUGH = 1_000
 #: SAC without a model: in JAX it takes a third of the time
 BASELINE = "sac" if find_spec("sbx") is None else "sbx_sac"
 #: for quick runs, which only check that everything works
@@ -39,6 +39,7 @@ class Plan:
     :param entry: hyperparameters
     :param entry_name: their key in the file that they come from
     :param words: further words of the command
+    :param real_steps: that end the run before the timesteps do; None for none
     """
 
     algo: str
@@ -47,6 +48,7 @@ class Plan:
     entry: Mapping[str, Any]
     entry_name: str
     words: tuple[str, ...]
+    real_steps: int | None = None
 
     def command(self, folder: Path, seed: int) -> list[str]:
         """
@@ -98,10 +100,14 @@ def hucrl(task: SuiteTask, algo: str, quick: bool) -> Plan:
     """
     entry = default_entry(algo)
     # The real episodes are those that the model learns from, and no others are played.
-    words: tuple[str, ...] = ("--eval-freq", "-1")
+    words: tuple[str, ...] = ("--eval-freq", "-1", "-params")
     if quick:
-        return Plan(algo, task.twin, QUICK_SEARCHES * QUICK_SEARCH, entry, DEFAULT, (*words, "-params", *QUICK_PARAMS))
-    return Plan(algo, task.twin, _timesteps(entry, task), entry, DEFAULT, words)
+        return Plan(algo, task.twin, QUICK_SEARCHES * QUICK_SEARCH, entry, DEFAULT, (*words, *QUICK_PARAMS))
+    # More than enough: the real steps end the training.
+    most = ENOUGH * task.real_steps
+    return Plan(
+        algo, task.twin, most, entry, DEFAULT, (*words, f"hucrl_max_real_steps:{task.real_steps}"), task.real_steps
+    )
 
 
 def baseline(task: SuiteTask, algo: str, quick: bool) -> Plan:
@@ -122,12 +128,3 @@ def baseline(task: SuiteTask, algo: str, quick: bool) -> Plan:
 
 #: plans by the name of the side
 PLANS: dict[str, Callable[[SuiteTask, str, bool], Plan]] = {"hucrl": hucrl, "baseline": baseline}
-
-
-def _timesteps(entry: Mapping[str, Any], task: SuiteTask) -> int:
-    callback = find_entry(entry["callback"])
-    assert callback is not None  # in all our files
-    steps = callback.build().settings.search.imagined_steps
-    if steps is None:
-        return IMAGINED_PER_REAL * task.real_steps
-    return steps * task.real_steps // task.time_limit

@@ -72,12 +72,17 @@ class SuiteRun:
 
     def _require_whole(self, plan: Plan, logs: Path) -> None:
         # On Ctrl-C rl_zoo3 saves the model, and reports no failure.
-        steps = 0
-        for saved in logs.glob(f"{plan.algo}/{plan.env}_*/{plan.env}.zip"):
-            with ZipFile(saved) as file:
-                steps = json.loads(file.read("data"))["num_timesteps"]
-        if steps < plan.timesteps:
-            raise RuntimeError(f"{self.name} ended early, after {steps} of {plan.timesteps} timesteps")
+        folders = logs.glob(f"{plan.algo}/{plan.env}_*")
+        if plan.real_steps is None:
+            steps, wanted, unit = (
+                sum(_timesteps(each / f"{plan.env}.zip") for each in folders),
+                plan.timesteps,
+                "timesteps",
+            )
+        else:
+            steps, wanted, unit = sum(map(_real_steps, folders)), plan.real_steps, "real steps"
+        if steps < wanted:
+            raise RuntimeError(f"{self.name} ended early, after {steps} of {wanted} {unit}")
 
     def _rows(self, plan: Plan, logs: Path, error: str) -> pd.DataFrame:
         monitors = list(logs.glob(f"{plan.algo}/{plan.env}_*/0.monitor.csv"))
@@ -111,3 +116,12 @@ def _last_error(message: str) -> str:
     lines = [line.strip() for line in message.splitlines() if line.strip()]
     named = [line for line in lines if re.match(r"[\w.]+(Error|Exception|Exit)\b", line)]
     return (named or lines)[-1]
+
+
+def _timesteps(saved: Path) -> int:
+    with ZipFile(saved) as file:
+        return int(json.loads(file.read("data"))["num_timesteps"])
+
+
+def _real_steps(folder: Path) -> int:
+    return int(real_episodes(str(folder)).real_steps.sum())
