@@ -90,7 +90,7 @@ class HBPTT(SAC):
         world = imagined_world(self)
         if world is not self._last_world:
             # A new search begins: it stays close to the policy that the last one ended with.
-            self._last_actor.load_state_dict(self.actor.state_dict())
+            self._last_actor = deepcopy(self.actor).requires_grad_(False)
             self._last_world = world
         self.policy.set_training_mode(True)
         optimizers = [self.actor.optimizer, self.critic.optimizer]
