@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import torch as th
 from torch.nn.functional import pad
 
-from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor, Resampled
+from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor
 from sb3_hucrl.registry import Registry
 
 
@@ -157,7 +157,7 @@ class Greedy(ExplorationStrategy):
 
     def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
         if self.propagation == "ts1":
-            return Resampled(model, generator)
+            return model.resampled(generator)
         return model.sample_posterior(generator, num_samples) if self.propagation == "tsinf" else model
 
     def next_state(

@@ -1,5 +1,7 @@
 """Ensembles of networks."""
 
+from typing import Any
+
 import pytest
 import torch as th
 
@@ -11,9 +13,9 @@ from sb3_hucrl.dynamics.ensemble import Ensemble
 from sb3_hucrl.dynamics.networks import BatchedLinear
 
 
-def ensemble(seed: int = 0, gradient_steps: int = 500) -> ProbabilisticEnsemble:
+def ensemble(seed: int = 0, gradient_steps: int = 500, **kwargs: Any) -> ProbabilisticEnsemble:
     generator = th.Generator().manual_seed(seed)
-    return ProbabilisticEnsemble(2, 1, angle_dims=(0,), gradient_steps=gradient_steps, generator=generator)
+    return ProbabilisticEnsemble(2, 1, angle_dims=(0,), gradient_steps=gradient_steps, generator=generator, **kwargs)
 
 
 def test_predicts_held_out_pendulum_transitions() -> None:
@@ -118,6 +120,57 @@ def test_posterior_samples_are_members(kind: type[Ensemble]) -> None:
     columns = [{tuple(mean[2 * row : 2 * row + 2]) for mean in means} for row in range(6)]
     for row, column in zip(rows, columns, strict=True):
         assert min(abs(a - row[0]) + abs(b - row[1]) for a, b in column) < 1e-5
+
+
+def test_one_member_predicts_each_row_and_every_one_as_often() -> None:
+    model = ensemble(gradient_steps=20, layer_norm=True)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(12, seed=1)
+    sampled, draws = model.resampled(th.Generator().manual_seed(2)), 2_000
+    with th.no_grad():
+        means = th.stack([model.member(each).predict(batch.states, batch.actions).mean for each in range(5)])
+        found = th.zeros(12, 5)
+        for _ in range(draws):
+            prediction = sampled.predict(batch.states, batch.actions)
+            distance = (prediction.mean - means).abs().amax(dim=2)
+            assert distance.amin(dim=0).max() < 1e-5
+            found += th.nn.functional.one_hot(distance.argmin(dim=0), 5)
+    assert (prediction.epistemic_std == 0).all()
+    # 12 rows are no multiple of 5 members. Pearson's statistic of each row has 4 degrees of freedom: with equal
+    # probabilities, one of the 12 exceeds 27.7 in one of 5,000 tests.
+    expected = draws / 5
+    assert ((found - expected).square() / expected).sum(dim=1).max() < 27.7
+
+
+def test_hidden_layers_are_normalised_if_asked_for() -> None:
+    plain, normalised = ensemble(gradient_steps=1), ensemble(gradient_steps=1, layer_norm=True)
+    inputs = th.randn(5, 8, plain.input_dim, generator=th.Generator().manual_seed(0))
+    # Whatever is the same for all units of a layer, and its scale, is gone.
+    for model in (plain, normalised):
+        weight, bias, *_ = model.networks.parameters()
+        weight.data.mul_(1_000)
+        bias.data.zero_()
+    assert plain.networks(inputs).abs().max() > 30
+    assert normalised.networks(inputs).abs().max() < 10
+
+
+def test_weights_decay_if_asked_for() -> None:
+    sizes = []
+    for decay in (0.0, 1.0):
+        model = ensemble(gradient_steps=300, weight_decay=decay)
+        model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+        sizes.append(float(th.nn.utils.parameters_to_vector(model.parameters()).norm()))
+    assert sizes[1] < 0.9 * sizes[0]
+
+
+def test_gradients_go_to_states_and_actions_and_not_to_a_fitted_model() -> None:
+    model = ensemble(gradient_steps=5)
+    model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
+    batch = random_transitions(4)
+    actions = batch.actions.clone().requires_grad_()
+    model.predict(batch.states, actions).mean.sum().backward()
+    assert actions.grad is not None
+    assert all(parameter.grad is None or not parameter.requires_grad for parameter in model.parameters())
 
 
 def test_each_member_is_a_model_of_its_own() -> None:

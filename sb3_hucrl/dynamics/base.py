@@ -110,6 +110,15 @@ class DynamicsModel(Predictor):
             "'tsinf' need: use another dynamics model or another exploration"
         )
 
+    def resampled(self, generator: th.Generator) -> Predictor:
+        """
+        Draw a new posterior sample for every row at every step: TS1 propagation (Chua et al. 2018).
+
+        :param generator: draws the samples, on the CPU
+        :raises ValueError: if the model cannot draw samples
+        """
+        return Resampled(self, generator)
+
     def confidence_width(self, delta: float, norm_bound: float) -> float:
         """
         β_t = B + 4σ √(I(y; f) + 1 + ln(1/δ)) of Lemmas 10 and 11, in units of this model's epistemic std.

@@ -35,6 +35,8 @@ class Ensemble(DeltaModel):
     :param learning_rate: learning rate of Adam
     :param batch_size: transitions per member and gradient step
     :param gradient_steps: gradient steps per fit
+    :param layer_norm: whether hidden layers are normalised
+    :param weight_decay: of AdamW, per gradient step and learning rate
     :param bootstrap: whether each member weights the transitions differently
     :param recalibrate: scale standard deviations to match the errors on held-out transitions
     :param generator: draws the initial parameters
@@ -54,6 +56,8 @@ class Ensemble(DeltaModel):
         learning_rate: float = 1e-3,
         batch_size: int = 64,
         gradient_steps: int = 1_000,
+        layer_norm: bool = False,
+        weight_decay: float = 0.0,
         bootstrap: bool = True,
         recalibrate: bool = False,
         generator: th.Generator | None = None,
@@ -64,10 +68,10 @@ class Ensemble(DeltaModel):
         self.num_members = num_members
         self.learning_rate = learning_rate
         self.batch_size = batch_size
-        self.gradient_steps = gradient_steps
+        self.gradient_steps, self.weight_decay = gradient_steps, weight_decay
         self.bootstrap = bootstrap
         self.networks = BatchedNetworks(
-            num_members, self.input_dim, net_arch, self.outputs_per_dim * state_dim, generator
+            num_members, self.input_dim, net_arch, self.outputs_per_dim * state_dim, generator, layer_norm
         )
 
     @abstractmethod
@@ -118,6 +122,9 @@ class Ensemble(DeltaModel):
 
         return function
 
+    def resampled(self, generator: th.Generator) -> Predictor:
+        return SampledModel(self, lambda inputs: self._certain(self.networks.one_each(inputs, generator)))
+
     def _member_moments(self, index: int, inputs: th.Tensor) -> Moments:
         return self._certain(self.networks(inputs.unsqueeze(0), slice(index, index + 1))[0])
 
@@ -145,7 +152,8 @@ class Ensemble(DeltaModel):
         weights = dataset.bootstrap_weights(self.num_members).T.to(self.device)
         if not self.bootstrap:
             weights = th.ones_like(weights)
-        optimizer = th.optim.Adam(self.parameters(), lr=self.learning_rate, fused=True)
+        self.requires_grad_(True)
+        optimizer = th.optim.AdamW(self.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay, fused=True)
         member = th.arange(self.num_members, device=self.device).unsqueeze(1)
         batches = th.randint(
             len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
@@ -160,6 +168,8 @@ class Ensemble(DeltaModel):
                 optimizer.step()
                 losses[step] = loss.detach()
                 bar.update()
+        # Whoever differentiates predictions does so by states and actions.
+        self.requires_grad_(False)
         train_loss = float(losses[-max(1, self.gradient_steps // 10) :].mean()) / self.num_members
         if not math.isfinite(train_loss):
             raise ValueError(

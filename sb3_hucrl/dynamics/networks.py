@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import torch as th
 from torch import nn
-from torch.nn.functional import silu
+from torch.nn.functional import layer_norm, silu
 
 # Larger batches are split into chunks of this many rows, so that hidden layers fit into the cache and their memory is
 # reused: nearly twice as fast at 4,096 rows.
@@ -42,13 +42,14 @@ class BatchedLinear(nn.Module):
 
 class BatchedNetworks(nn.Module):
     """
-    M multilayer perceptrons with SiLU activations.
+    M multilayer perceptrons with SiLU activations, whose hidden layers can be normalised before them.
 
     :param num_members: M
     :param input_dim: input width
     :param net_arch: widths of the hidden layers
     :param output_dim: output width
     :param generator: draws the initial weights
+    :param layer_norm: whether hidden layers have mean 0 and variance 1 over their units (Ba et al. 2016)
     """
 
     def __init__(
@@ -58,8 +59,10 @@ class BatchedNetworks(nn.Module):
         net_arch: Sequence[int],
         output_dim: int,
         generator: th.Generator | None,
+        layer_norm: bool = False,
     ) -> None:
         super().__init__()
+        self.num_members, self.layer_norm = num_members, layer_norm
         self.layers = nn.ModuleList(
             BatchedLinear(num_members, width, next_width, generator)
             for width, next_width in pairwise([input_dim, *net_arch, output_dim])
@@ -76,6 +79,32 @@ class BatchedNetworks(nn.Module):
         hidden = inputs
         for layer in self.layers[:-1]:
             # In place unless a gradient needs the old values, which halves the time of a large batch.
-            hidden = silu(layer(hidden, member), inplace=not th.is_grad_enabled())
+            hidden = layer(hidden, member)
+            if self.layer_norm:
+                hidden = layer_norm(hidden, hidden.shape[-1:])
+            hidden = silu(hidden, inplace=not th.is_grad_enabled())
         outputs: th.Tensor = self.layers[-1](hidden, member)
         return outputs
+
+    @property
+    def last(self) -> BatchedLinear:
+        """The output layer."""
+        layer = self.layers[-1]
+        assert isinstance(layer, BatchedLinear)  # as all are
+        return layer
+
+    def one_each(self, inputs: th.Tensor, generator: th.Generator) -> th.Tensor:
+        """
+        Evaluate one member on each row, at the cost of one. Each member has the same number of places, and the rows are
+        dealt to them at random, so that every row meets every member with the same probability.
+
+        :param inputs: shape (B, input_dim)
+        :param generator: deals the rows, on the CPU
+        :return: shape (B, output_dim)
+        """
+        members, rows = self.num_members, len(inputs)
+        places = -(-rows // members) * members
+        place = th.randperm(places, generator=generator)[:rows].to(inputs.device)
+        dealt = inputs.new_zeros(places, inputs.shape[1]).index_copy(0, place, inputs)
+        outputs: th.Tensor = self(dealt.view(members, -1, inputs.shape[1])).flatten(0, 1)
+        return outputs[place]
