@@ -15,7 +15,7 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from helpers import imagination_env, small_callback
-from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, MPO
+from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, HSVG, MPO
 from sb3_hucrl.sb3 import Parameters, get_state
 
 OFF_POLICY: dict[str, Any] = {"batch_size": 16, "buffer_size": 1_000, "learning_starts": 40}
@@ -37,6 +37,7 @@ ALGORITHMS: dict[str, tuple[type[BaseAlgorithm], str, dict[str, Any]]] = {
     "hmpo": (HMPO, "MlpPolicy", {**OFF_POLICY, **SMALL, "num_samples": 4}),
     "hbptt": (HBPTT, "MlpPolicy", {**OFF_POLICY, **SMALL, "horizon": 2}),
     "hmve": (HMVE, "MlpPolicy", {**OFF_POLICY, **SMALL, "horizon": 2}),
+    "hsvg": (HSVG, "MlpPolicy", {**OFF_POLICY, **SMALL, "horizon": 2, "critic_updates": 3, "train_freq": 4}),
     "sbx_sac": (sbx.SAC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
     "sbx_td3": (sbx.TD3, "MlpPolicy", {**OFF_POLICY, **SMALL}),
     "sbx_tqc": (sbx.TQC, "MlpPolicy", {**OFF_POLICY, **SMALL}),
@@ -96,7 +97,7 @@ def test_parameters_give_back_the_policy_that_was_found(name: str) -> None:
     np.testing.assert_allclose(after, before, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["mpo", "hmpo", "hbptt", "hmve"])
+@pytest.mark.parametrize("name", ["mpo", "hmpo", "hbptt", "hmve", "hsvg"])
 def test_our_algorithms_learn_the_same_from_the_same_seed(name: str) -> None:
     observations = np.random.default_rng(0).normal(size=(5, 3)).astype(np.float32)
     found = []
@@ -121,7 +122,7 @@ def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:
     np.testing.assert_allclose(next(model.policy.parameters()).detach().numpy(), before.numpy(), atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["hbptt", "hmpo", "hmve"])
+@pytest.mark.parametrize("name", ["hbptt", "hmpo", "hmve", "hsvg"])
 def test_unseeded_runs_do_not_share_their_noise(name: str) -> None:
     seeds = [vars(make(name, seed=seed))["_generator"].initial_seed() for seed in (None, None, 0, 0)]
     assert len(set(seeds[:2])) == 2

@@ -29,6 +29,8 @@ SNAPSHOT = Path(__file__).parent / "data" / "hyperparams.json"
 DEFAULT = "default"
 #: environments on which our own algorithms are told to use no model
 WITHOUT_MODEL = {"Pendulum-v1"}
+#: came later, and has settings for robots alone
+NEW = {"hsvg": {"HalfCheetah-v5"}}
 
 
 def entries(path: Path) -> dict[str, dict[str, Any]]:
@@ -77,7 +79,7 @@ def resolved(entry: dict[str, Any], env_id: str) -> dict[str, Any]:
     return hyperparams | ({"callback": resolved_callback(entry["callback"], env_id)} if "callback" in entry else {})
 
 
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in PATHS if path.stem not in NEW], ids=lambda path: path.stem)
 def test_every_file_means_what_it_meant_when_it_said_everything(path: Path) -> None:
     meant = json.loads(SNAPSHOT.read_text())[path.stem]
     found = entries(path)
@@ -107,7 +109,7 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
             assert "callback" not in entry
             continue
         callback = find_entry(entry["callback"])
-        assert env_id in {*ENVIRONMENTS, DEFAULT}
+        assert env_id in NEW.get(path.stem, {*ENVIRONMENTS, DEFAULT})
         assert callback is not None
         if path.stem == "hmpc" or env_id == DEFAULT:
             continue
@@ -117,8 +119,8 @@ def test_every_entry_is_of_an_algorithm_and_an_environment_and_fits_the_callback
 
 
 def test_every_algorithm_has_the_pendulum_and_five_have_everything() -> None:
-    assert len(PATHS) == 20
-    assert all("HUCRL-Pendulum-v0" in entries(path) for path in PATHS)
+    assert len(PATHS) == 21
+    assert all("HUCRL-Pendulum-v0" in entries(path) for path in PATHS if path.stem not in NEW)
     complete = {path.stem for path in PATHS if entries(path).keys() == {*ENVIRONMENTS, DEFAULT}}
     assert complete == {"sac", "td3", "tqc", "ppo", "sbx_sac"}
 

@@ -65,7 +65,7 @@ def test_where_actions_are_planned_the_planners_horizon_is_drawn() -> None:
     assert tuned["planner_kwargs"] == {"num_particles": 64, "horizon": params["hucrl_planner_horizon"]}
 
 
-@pytest.mark.parametrize("algo", ["hmpc", "mpo", "hmpo", "hbptt", "hmve"])
+@pytest.mark.parametrize("algo", ["hmpc", "mpo", "hmpo", "hbptt", "hmve", "hsvg"])
 def test_what_is_drawn_for_our_own_algorithms_are_their_arguments(algo: str) -> None:
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
     additional = {"using_her_replay_buffer": False, "her_kwargs": {}}

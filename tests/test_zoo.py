@@ -256,3 +256,27 @@ def test_other_environments_are_as_they_were(tmp_path: Path) -> None:
         outputs.append(re.sub(r" +|-{2,}", " ", untimed))
     assert outputs[0] == outputs[1]
     assert "ep_rew_mean" in outputs[0]
+
+
+def test_h_svg_trains_on_a_robot_without_a_hallucinated_action(tmp_path: Path) -> None:
+    words = ["train", "--algo", "hsvg", "--env", "HalfCheetah-v5", "-n", "2560", "--eval-freq", "-1", "--seed", "3"]
+    short = ["gradient_steps:1", "critic_updates:1", "hucrl_imagined_steps:1280", "hucrl_dynamics__gradient_steps:5"]
+    run(ZOO, *words, "-params", *short, cwd=tmp_path)
+    folder = tmp_path / "logs" / "hsvg" / "HalfCheetah-v5_1"
+    # Two random episodes, and one after each search.
+    assert len(load_results(str(folder))) == 4
+    enjoyed = run(
+        ZOO,
+        "enjoy",
+        "--algo",
+        "hsvg",
+        "--env",
+        "HalfCheetah-v5",
+        "--no-render",
+        "-n",
+        "1000",
+        "-f",
+        "logs",
+        cwd=tmp_path,
+    )
+    assert "Episode Reward" in enjoyed

@@ -7,9 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch as th
-from stable_baselines3 import SAC
 from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
 from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
@@ -19,8 +17,8 @@ from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
+from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
 from sb3_hucrl.imagination import World
-from sb3_hucrl.seeding import seeded_generator
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Performance:
     first_log_prob: th.Tensor
 
 
-class HBPTT(SAC):
+class HBPTT(ImaginingSAC):
     """
     H-BPTT (Algorithm 4): the policy follows the gradient of the imagined return through model, reward and policy. The
     return is that of N model steps plus a terminal critic value. A penalty on the divergence from the last search's
@@ -74,15 +72,12 @@ class HBPTT(SAC):
                 f"horizon is {horizon}, policy_delay {policy_delay}, kl_weight {kl_weight}, max_grad_norm "
                 f"{max_grad_norm}: give at least 1, at least 1, at least 0, and a positive number"
             )
-        if kwargs.get("use_sde"):
-            raise ValueError("H-BPTT draws each action by itself: leave use_sde out")
         self.horizon, self.kl_weight = horizon, kl_weight
         self.policy_delay, self.max_grad_norm = policy_delay, max_grad_norm
         super().__init__(policy, env, **kwargs)
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        self._generator = seeded_generator(self.seed, self.device)
         self._last_actor = deepcopy(self.actor).requires_grad_(False)
         self._last_world: World | None = None
 
@@ -92,11 +87,7 @@ class HBPTT(SAC):
             # A new search begins: it stays close to the policy that the last one ended with.
             self._last_actor = deepcopy(self.actor).requires_grad_(False)
             self._last_world = world
-        self.policy.set_training_mode(True)
-        optimizers = [self.actor.optimizer, self.critic.optimizer]
-        if self.ent_coef_optimizer is not None:
-            optimizers.append(self.ent_coef_optimizer)
-        self._update_learning_rate(optimizers)
+        self._begin_training()
         noted: dict[str, list[float]] = defaultdict(list)
         assert self.replay_buffer is not None  # set up
         for _ in range(gradient_steps):
@@ -107,12 +98,7 @@ class HBPTT(SAC):
             self._n_updates += 1
             if self._n_updates % self.policy_delay == 0:
                 self._train_actor(data, noted)
-        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
-        for name, values in noted.items():
-            self.logger.record(f"train/{name}", float(np.mean(values)))
-
-    def _ent_coef(self) -> th.Tensor:
-        return self.ent_coef_tensor if self.log_ent_coef is None else self.log_ent_coef.detach().exp()
+        self._record_means(noted)
 
     def _train_critic(self, data: ReplayBufferSamples) -> float:
         discounts = self.gamma if data.discounts is None else data.discounts
@@ -135,12 +121,7 @@ class HBPTT(SAC):
         self.actor.optimizer.step()
         noted["imagined_performance"].append(imagined.value.item())
         noted["kl"].append(imagined.divergence.item())
-        if self.ent_coef_optimizer is not None and self.log_ent_coef is not None:
-            assert isinstance(self.target_entropy, float)  # set up
-            excess = (imagined.first_log_prob.detach() + self.target_entropy).mean()
-            self.ent_coef_optimizer.zero_grad()
-            (-self.log_ent_coef * excess).backward()
-            self.ent_coef_optimizer.step()
+        self._train_ent_coef(imagined.first_log_prob)
 
     def performance(self, observations: th.Tensor) -> Performance:
         """
@@ -176,4 +157,4 @@ class HBPTT(SAC):
         )
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_last_actor", "_last_world", "_generator"]
+        return [*super()._excluded_save_params(), "_last_actor", "_last_world"]

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import torch as th
-from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
-from sb3_hucrl.seeding import seeded_generator
+from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
 
 #: added to the variance of a horizon's target, so that one that is certain by chance does not get all the weight
 SMALLEST_VARIANCE = 1e-8
@@ -38,7 +37,7 @@ class ExpandedReplayBuffer(ReplayBuffer):
         return ReplayBufferSamples(*(each[rows] for each in self._expanded if each is not None))
 
 
-class HMVE(SAC):
+class HMVE(ImaginingSAC):
     """
     H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps plus the target critics' value after them. These
     steps begin in states of SAC's replay buffer: imagined ones, or with ``real_data_fraction: 1`` only real ones.
@@ -71,10 +70,6 @@ class HMVE(SAC):
             raise ValueError(f"unknown weighting {weighting!r}: choose 'none' or 'steve'")
         self.horizon, self.weighting, self.num_rollouts = horizon, weighting, num_rollouts
         super().__init__(policy, env, **kwargs)
-
-    def _setup_model(self) -> None:
-        super()._setup_model()
-        self._generator = seeded_generator(self.seed, self.device)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         original = self.replay_buffer
@@ -134,6 +129,3 @@ class HMVE(SAC):
         targets = (rewards + discounts * values).unflatten(2, (-1, count))
         variance = targets.permute(1, 2, 0, 3).flatten(2).var(dim=2) + SMALLEST_VARIANCE
         return th.multinomial((1 / variance).T, 1, generator=self._generator).squeeze(1)
-
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_generator"]

@@ -65,5 +65,6 @@ def imagine(
     def in_env_units(scaled: th.Tensor, state: th.Tensor) -> th.Tensor:
         return bounds.unscaled(scaled)
 
-    start = world.task.state(observations)
+    # MuJoCo's observations are stored in double precision.
+    start = world.task.state(observations.float())
     return roll_out(world, start, choose, in_env_units, horizon, gamma, generator, terminal_value)

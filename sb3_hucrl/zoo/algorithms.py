@@ -10,9 +10,16 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import ALGOS
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from sb3_hucrl.algorithms import HBPTT, HMPC, HMPO, HMVE, MPO
+from sb3_hucrl.algorithms import HBPTT, HMPC, HMPO, HMVE, HSVG, MPO
 
-OUR_ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"hmpc": HMPC, "mpo": MPO, "hmpo": HMPO, "hbptt": HBPTT, "hmve": HMVE}
+OUR_ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    "hmpc": HMPC,
+    "mpo": MPO,
+    "hmpo": HMPO,
+    "hbptt": HBPTT,
+    "hmve": HMVE,
+    "hsvg": HSVG,
+}
 
 
 def nothing_to_sample(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: Any) -> dict[str, Any]:
@@ -64,6 +71,14 @@ def sample_hmve_params(trial: optuna.Trial) -> dict[str, Any]:
     }
 
 
+def sample_hsvg_params(trial: optuna.Trial) -> dict[str, Any]:
+    """Samples H-SVG's horizon and the updates of its critics alone."""
+    return {
+        "horizon": trial.suggest_int("horizon", 1, 20, log=True),
+        "critic_updates": trial.suggest_int("critic_updates", 50, 1_000, log=True),
+    }
+
+
 def register_algorithms() -> None:
     """Register the algorithms of this package with rl_zoo3."""
     ALGOS.update(OUR_ALGORITHMS)
@@ -74,6 +89,7 @@ def register_algorithms() -> None:
         "hmpo": sample_mpo_params,
         "hbptt": sample_hbptt_params,
         "hmve": sample_hmve_params,
+        "hsvg": sample_hsvg_params,
     }
     for name, sample in searches.items():
         HYPERPARAMS_SAMPLER[name] = with_sac_params(sample)

@@ -1,0 +1,194 @@
+"""Hallucinated stochastic value gradients: Algorithms 4 and 5 in one."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.utils import polyak_update
+from torch.nn.functional import softplus
+from torch.nn.utils import clip_grad_norm_
+
+from sb3_hucrl.algorithms.critic_ensemble import CriticEnsemble, EnsemblePolicy
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
+from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
+from sb3_hucrl.imagination import World
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """
+    N imagined steps from B states, prolonged by the critics.
+
+    :param performance: discounted rewards and entropies plus the mean of the critics, shape (B,), differentiable
+    :param target: of Q(s_0, a_0): the same with the least of the target critics, without the first entropy, shape (B,)
+    :param first_action: a_0 and a′_0, scaled, shape (B, q + h)
+    :param first_log_prob: of a_0, shape (B,)
+    """
+
+    performance: th.Tensor
+    target: th.Tensor
+    first_action: th.Tensor
+    first_log_prob: th.Tensor
+
+
+class HSVG(ImaginingSAC):
+    """
+    H-SVG: the critics learn from N imagined steps plus the target critics' value after them (Algorithm 5), and the
+    actor follows the gradient of the same steps through model, reward and critics (Algorithm 4), as in DHMBPO (Tanaka
+    et al. 2025). Both begin in states of SAC's replay buffer, which longer imagined trajectories fill.
+
+    The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′.
+
+    :param policy: ``"MlpPolicy"``
+    :param env: wrapped in an ImaginationVecEnv
+    :param learning_rate: of actor, critics and entropy coefficient
+    :param horizon: N
+    :param critic_updates: updates of the critics alone after each refit: the new model's values before its gradients
+    :param target_entropy: of the real action; ``"auto"`` is minus half the number of its dimensions
+    :param max_grad_norm: bound on the norm of the policy's gradient
+    :param kwargs: further arguments of SAC
+    :raises ValueError: if a number is out of its range, or with gSDE
+    """
+
+    critic: CriticEnsemble  # type: ignore[assignment]  # SAC's is another
+    critic_target: CriticEnsemble  # type: ignore[assignment]  # as above
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": EnsemblePolicy}
+    policy: EnsemblePolicy
+
+    def __init__(
+        self,
+        policy: str | type[EnsemblePolicy],
+        env: GymEnv | str,
+        learning_rate: float = 1e-3,
+        horizon: int = 5,
+        critic_updates: int = 250,
+        max_grad_norm: float = 40.0,
+        ent_coef: str | float = "auto_0.1",
+        target_entropy: str | float = "auto",
+        train_freq: int = 20,
+        gradient_steps: int = 20,
+        **kwargs: Any,
+    ) -> None:
+        if horizon < 1 or critic_updates < 0 or not max_grad_norm > 0:
+            raise ValueError(
+                f"horizon is {horizon}, critic_updates {critic_updates}, max_grad_norm {max_grad_norm}: give at least "
+                "1, at least 0, and a positive number"
+            )
+        self.horizon, self.critic_updates, self.max_grad_norm = horizon, critic_updates, max_grad_norm
+        self.chooses_target_entropy = target_entropy == "auto"
+        super().__init__(
+            policy,
+            env,
+            learning_rate,
+            ent_coef=ent_coef,
+            target_entropy=target_entropy,
+            train_freq=train_freq,
+            gradient_steps=gradient_steps,
+            **kwargs,
+        )
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        self._last_world: World | None = None
+        self._reward_range = (np.inf, -np.inf)
+
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
+        world = imagined_world(self)
+        self._begin_training()
+        noted: dict[str, list[float]] = defaultdict(list)
+        if world is not self._last_world:
+            self._last_world = world
+            self._reward_range = (np.inf, -np.inf)
+            if self.chooses_target_entropy:
+                self.target_entropy = -0.5 * world.predictor.action_dim
+            for _ in range(self.critic_updates):
+                self._update(world, batch_size, noted, with_actor=False)
+        for _ in range(gradient_steps):
+            self._update(world, batch_size, noted, with_actor=True)
+        self._record_means(noted)
+
+    def _update(self, world: World, batch_size: int, noted: dict[str, list[float]], with_actor: bool) -> None:
+        assert self.replay_buffer is not None  # set up
+        observations = self.replay_buffer.sample(batch_size).observations
+        # Frozen: gradients flow through the critics to the actor, and not into them.
+        self.critic.requires_grad_(False)
+        with th.set_grad_enabled(with_actor):
+            expansion = self.expand(world, observations)
+        if with_actor:
+            self.actor.optimizer.zero_grad()
+            (-expansion.performance.mean()).backward()
+            noted["actor_grad"].append(float(clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)))
+            self.actor.optimizer.step()
+            noted["performance"].append(expansion.performance.mean().item())
+            self._train_ent_coef(expansion.first_log_prob)
+        self.critic.requires_grad_(True)
+        values = self.critic.values(observations, expansion.first_action.detach())
+        loss = (values - expansion.target).square().mean(dim=1).sum()
+        self.critic.optimizer.zero_grad()
+        loss.backward()
+        self.critic.optimizer.step()
+        polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
+        self._n_updates += 1
+        noted["critic_loss"].append(loss.item())
+        noted["critic_value"].append(values.mean().item())
+        noted["ent_coef"].append(self._ent_coef().item())
+
+    def act(self, observations: th.Tensor, action_dim: int) -> tuple[th.Tensor, th.Tensor]:
+        """
+        :param observations: shape (B, observation dimension)
+        :param action_dim: q
+        :return: (a, a′), scaled, shape (B, q + h), and the log-probability of a, shape (B,)
+        """
+        mean, log_std, _ = self.actor.get_action_dist_params(observations)
+        noise = th.randn(len(mean), action_dim, device=mean.device, generator=self._generator)
+        raw = th.cat([mean[:, :action_dim] + log_std[:, :action_dim].exp() * noise, mean[:, action_dim:]], dim=1)
+        real = raw[:, :action_dim]
+        # log N(real) - log(1 - tanh²), as in SAC (Haarnoja et al. 2018, appendix C).
+        squash = 2 * (np.log(2) - real - softplus(-2 * real))
+        log_prob = -0.5 * noise.square() - log_std[:, :action_dim] - 0.5 * np.log(2 * np.pi) - squash
+        return raw.tanh(), log_prob.sum(dim=1)
+
+    def expand(self, world: World, observations: th.Tensor) -> Expansion:
+        """
+        Lines 4 to 10 of Algorithm 4 and 7 to 11 of Algorithm 5, on the same trajectories.
+
+        :param world: to act in
+        :param observations: of B states, shape (B, observation dimension)
+        """
+        ent_coef, dim = self._ent_coef(), world.predictor.action_dim
+        actions: list[th.Tensor] = []
+        log_probs: list[th.Tensor] = []
+
+        def act(visited: th.Tensor) -> th.Tensor:
+            action, log_prob = self.act(visited, dim)
+            actions.append(action)
+            log_probs.append(log_prob)
+            return action
+
+        rollout = imagine(world, observations, act, self.horizon, self.gamma, self._generator)
+        reached = world.task.observe(rollout.states[-1])
+        last = act(reached)
+        entropies = -ent_coef * th.stack([d * each for d, each in zip(rollout.discounts, log_probs, strict=True)])
+        earned = rollout.returns + entropies.sum(dim=0)
+        following = rollout.discounts[-1]
+        performance = earned + following * self.critic.values(reached, last).mean(dim=0)
+        with th.no_grad():
+            pessimistic = self.critic_target.values(reached, last).amin(dim=0)
+            target = earned - entropies[0] + following * pessimistic
+            self._see_rewards(rollout.rewards[0])
+            least, most = (each / (1 - self.gamma) for each in self._reward_range)
+            target = target.clamp(min(least, 0.0), max(most, 0.0))
+        return Expansion(performance, target, actions[0], log_probs[0])
+
+    def _see_rewards(self, rewards: th.Tensor) -> None:
+        least, most = rewards.aminmax()
+        self._reward_range = min(self._reward_range[0], float(least)), max(self._reward_range[1], float(most))
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_last_world"]
