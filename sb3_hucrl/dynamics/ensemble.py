@@ -43,6 +43,8 @@ class Ensemble(DeltaModel):
     :raises ValueError: if there are fewer than 2 members
     """
 
+    #: of ensembles in files of earlier versions
+    weight_decay = 0.0
     #: network outputs per state dimension
     outputs_per_dim: int
 

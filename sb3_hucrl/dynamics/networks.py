@@ -52,6 +52,9 @@ class BatchedNetworks(nn.Module):
     :param layer_norm: whether hidden layers have mean 0 and variance 1 over their units (Ba et al. 2016)
     """
 
+    #: of networks in files of earlier versions
+    layer_norm = False
+
     def __init__(
         self,
         num_members: int,
@@ -62,7 +65,7 @@ class BatchedNetworks(nn.Module):
         layer_norm: bool = False,
     ) -> None:
         super().__init__()
-        self.num_members, self.layer_norm = num_members, layer_norm
+        self.layer_norm = layer_norm
         self.layers = nn.ModuleList(
             BatchedLinear(num_members, width, next_width, generator)
             for width, next_width in pairwise([input_dim, *net_arch, output_dim])
@@ -85,6 +88,11 @@ class BatchedNetworks(nn.Module):
             hidden = silu(hidden, inplace=not th.is_grad_enabled())
         outputs: th.Tensor = self.layers[-1](hidden, member)
         return outputs
+
+    @property
+    def num_members(self) -> int:
+        """M."""
+        return len(self.last.weight)
 
     @property
     def last(self) -> BatchedLinear:

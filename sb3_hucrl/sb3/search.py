@@ -38,6 +38,8 @@ class SB3Search:
 
     #: imagination steps all environments as one batch, which is slow with fewer
     min_envs = 2
+    #: whether its policies can be made with a features extractor
+    extracts_features = True
 
     def __init__(self, model: BaseAlgorithm, env: ImaginationVecEnv, loop: Loop) -> None:
         if env.num_envs < self.min_envs:
@@ -49,7 +51,8 @@ class SB3Search:
         self._planner: MPCPolicy | None = None
         self._is_training = RunningLearn(model)
         # A policy that has learned from observations as they are would no longer know what it sees.
-        if loop.settings.search.standardise and loop.state.real_episodes == 0 and model._n_updates == 0:
+        is_new = loop.state.real_episodes == 0 and model._n_updates == 0
+        if loop.settings.search.standardise and self.extracts_features and is_new:
             insert_extractors(model)
         self._plan_in(loop.world)
 
@@ -201,6 +204,7 @@ class ARSSearch(SB3Search):
 
     model: ARS
     min_envs = 1
+    extracts_features = False
 
     def total_timesteps(self, handed_over: Mapping[str, Any]) -> int:
         # Its ``total_timesteps`` is what this call of learn() adds.
