@@ -40,7 +40,7 @@ class Expansion:
 class HSVG(ImaginingSAC):
     """
     H-SVG: the critics learn from N imagined steps plus the target critics' value after them (Algorithm 5), and the
-    actor follows the gradient of the same steps through model, reward and critics (Algorithm 4), as in DHMBPO (Tanaka
+    actor follows the gradient of the same steps through model, reward and critics (Algorithm 4), as in DHMBPO (Kubo
     et al. 2025). Both begin in states of SAC's replay buffer, which longer imagined trajectories fill.
 
     The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′.
