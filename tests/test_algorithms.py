@@ -13,6 +13,7 @@ import torch as th
 from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
 
 from helpers import imagination_env, small_callback
 from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, HSVG, MPO
@@ -107,6 +108,20 @@ def test_our_algorithms_learn_the_same_from_the_same_seed(name: str) -> None:
         found.append(model.predict(observations, deterministic=True)[0])
     np.testing.assert_array_equal(found[0], found[1])
     assert np.abs(found[0] - found[2]).max() > 1e-4
+
+
+@pytest.mark.parametrize("name", ["hbptt", "hmve", "hsvg"])
+def test_what_they_cannot_look_into_is_said(name: str) -> None:
+    with pytest.raises(ValueError, match="callback=HUCRLCallback"):
+        make(name, learning_starts=0).learn(20)
+    algorithm, policy, settings = ALGORITHMS[name]
+    normalised = algorithm(policy, VecNormalize(imagination_env()), **copy.deepcopy({**settings, "learning_starts": 0}))
+    with pytest.raises(ValueError, match="use no VecNormalize"):
+        normalised.learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="horizon is 0"):
+        make(name, horizon=0)
+    with pytest.raises(ValueError, match="leave use_sde out"):
+        make(name, use_sde=True)
 
 
 def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:

@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 import torch as th
-from stable_baselines3.common.vec_env import VecNormalize
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from helpers import TruePendulum, imagination_env, small_callback, small_world
-from sb3_hucrl import ImaginationVecEnv
 from sb3_hucrl.algorithms import HBPTT
 from sb3_hucrl.tasks import PendulumTask
 
@@ -98,16 +95,3 @@ def test_a_new_search_trusts_the_policy_that_the_last_one_found() -> None:
     assert not th.equal(found, last)
     model.learn(80, callback=small_callback())
     assert not th.equal(last, parameters_to_vector(model._last_actor.parameters()))
-
-
-def test_what_it_cannot_look_into_is_said() -> None:
-    with pytest.raises(ValueError, match="callback=HUCRLCallback"):
-        hbptt(learning_starts=0).learn(20)
-    with pytest.raises(ValueError, match="use no VecNormalize"):
-        hbptt(VecNormalize(imagination_env()), learning_starts=0).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="horizon is 0"):
-        hbptt(horizon=0)
-    with pytest.raises(ValueError, match="leave use_sde out"):
-        hbptt(use_sde=True)
-    assert isinstance(hbptt().get_env(), ImaginationVecEnv)
-    assert np.isfinite(hbptt().predict(np.zeros(3, np.float32))[0]).all()

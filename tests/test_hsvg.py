@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch as th
 from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
-from stable_baselines3.common.vec_env import VecNormalize
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from helpers import TruePendulum, imagination_env, small_callback, small_world
@@ -128,15 +127,9 @@ def test_the_actor_waits_for_the_critics_after_a_refit() -> None:
     assert not th.equal(critic, parameters_to_vector(model.critic.parameters()))
 
 
-def test_what_it_cannot_look_into_is_said() -> None:
-    with pytest.raises(ValueError, match="callback=HUCRLCallback"):
-        hsvg(learning_starts=0).learn(20)
-    with pytest.raises(ValueError, match="use no VecNormalize"):
-        hsvg(VecNormalize(imagination_env()), learning_starts=0).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="horizon is 0"):
-        hsvg(horizon=0)
-    with pytest.raises(ValueError, match="leave use_sde out"):
-        hsvg(use_sde=True)
+def test_values_without_a_bound_are_refused() -> None:
+    with pytest.raises(ValueError, match="gamma is 1"):
+        hsvg(gamma=1)
 
 
 @pytest.mark.parametrize("exploration", ["optimistic", "greedy", "thompson", "bonus"])

@@ -80,6 +80,8 @@ class HSVG(ImaginingSAC):
                 f"horizon is {horizon}, critic_updates {critic_updates}, max_grad_norm {max_grad_norm}: give at least "
                 "1, at least 0, and a positive number"
             )
+        if kwargs.get("gamma") == 1:
+            raise ValueError("gamma is 1: H-SVG bounds values by rewards / (1 - gamma), so give less than 1")
         self.horizon, self.critic_updates, self.max_grad_norm = horizon, critic_updates, max_grad_norm
         self.chooses_target_entropy = target_entropy == "auto"
         super().__init__(
