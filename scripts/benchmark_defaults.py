@@ -33,7 +33,12 @@ TASKS = {
     "InvertedDoublePendulum-v5": (1_280_000, 9_000.0),
     "Reacher-v5": (1_280_000, -6.0),
     "Parking-v0": (256_000, -40.0),
+    "Pendulum1e-3-v0": (128_000, -250.0),
+    "Pendulum1e0-v0": (128_000, -250.0),
+    "Pendulum1e3-v0": (128_000, -250.0),
 }
+#: modules that register environments of our own
+OWN = ("parking", "scaled_pendulum")
 #: of SAC in the README
 SETTINGS: dict[str, Any] = {"learning_rate": 1e-3, "gamma": 0.99, "tau": 0.02, "gradient_steps": 4, "n_steps": 4}
 SETTINGS |= {"batch_size": 128, "policy_kwargs": {"net_arch": [128, 128]}}
@@ -54,7 +59,8 @@ def train(run: Run, timesteps: int | None) -> pd.DataFrame:
     :return: one row for each real episode
     """
     th.set_num_threads(1)
-    importlib.import_module("parking")
+    for module in OWN:
+        importlib.import_module(module)
     with tempfile.TemporaryDirectory() as folder:
         venv = make_vec_env(run.env, 32, run.seed, monitor_dir=folder, wrapper_class=HallucinationWrapper)
         model = SAC("MlpPolicy", ImaginationVecEnv(venv), seed=run.seed, **SETTINGS)
