@@ -133,12 +133,12 @@ class HUCRLCallback(BaseCallback):
             self._log.end()
 
     def _start_search(self) -> None:
-        self._search.restart(self._loop.begin_search(self._env.num_envs))
+        ends = (self.model.num_timesteps + self._loop.imagined_steps) / self._total_timesteps
+        self._search.restart(self._loop.begin_search(self._env.num_envs, progress=ends))
         self._searching = True
 
     def _end_search(self) -> None:
-        progress = max(self.model.num_timesteps / self._total_timesteps, self._loop.progress)
-        self._loop.end_search(self._search, deterministic=progress >= self.settings.real.sampling_fraction)
+        self._loop.end_search(self._search, progress=self.model.num_timesteps / self._total_timesteps)
 
     def _on_refit(self, report: Report) -> None:
         self._log.record(report)

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+import numpy.typing as npt
 import torch as th
 from torch.nn.functional import pad
 
@@ -45,6 +47,14 @@ class ExplorationStrategy(ABC):
         :return: the model itself or posterior samples of it
         """
         return model
+
+    def steers(self, num_trajectories: int, exploring: bool) -> npt.NDArray[np.bool_]:
+        """
+        :param num_trajectories: that are imagined at once
+        :param exploring: whether the real episode that follows samples the policy, and does not play its mode
+        :return: in which of them a′ acts; in the others it is 0
+        """
+        return np.ones(num_trajectories, dtype=np.bool_)
 
     @abstractmethod
     def next_state(
@@ -94,6 +104,10 @@ class Optimistic(ExplorationStrategy):
         as in the paper's ensemble experiments
     :param delta: δ of ``beta="theory"``, probability that the confidence region is wrong
     :param norm_bound: B of ``beta="theory"``, bound on the RKHS norm of the (standardised) dynamics
+    :param steered_fraction: fraction of the imagined trajectories in which a′ acts, in [0, 1], once real episodes play
+        the mode of the policy. In the others the policy has to manage without, so that it does not leave to a′ what the
+        real action should do: a pole that a′ keeps upright falls in reality. Before that, and always in planners and in
+        policy search by gradients through the model, a′ acts everywhere
     :raises ValueError: if a number is out of its range or the uncertainty is unknown
     """
 
@@ -101,8 +115,11 @@ class Optimistic(ExplorationStrategy):
     uncertainty: Literal["epistemic", "predictive"] = "epistemic"
     delta: float = 0.1
     norm_bound: float = 1.0
+    steered_fraction: float = 0.5
 
     def __post_init__(self) -> None:
+        if not 0 <= self.steered_fraction <= 1:
+            raise ValueError(f"steered_fraction is {self.steered_fraction}: give a fraction between 0 and 1")
         if self.beta != "theory":
             _require_not_negative("beta", self.beta)
         if self.uncertainty not in ("epistemic", "predictive"):
@@ -113,6 +130,11 @@ class Optimistic(ExplorationStrategy):
 
     def hallucinated_dim(self, steerable_dim: int) -> int:
         return steerable_dim
+
+    def steers(self, num_trajectories: int, exploring: bool) -> npt.NDArray[np.bool_]:
+        # Evenly spread, and the first one included.
+        steered = np.ceil(np.arange(num_trajectories + 1) * (1.0 if exploring else self.steered_fraction))
+        return np.asarray(np.diff(steered) > 0, dtype=np.bool_)
 
     def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
         if self.beta == "theory":

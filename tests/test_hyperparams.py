@@ -70,6 +70,8 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     assert settings.pop("real_envs") == 1
     strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
+    # Every search has trajectories without a′ by now.
+    settings["exploration_kwargs"].pop("steered_fraction", None)
     return settings
 
 

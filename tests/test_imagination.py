@@ -86,6 +86,26 @@ def test_the_hallucinated_action_moves_the_state_but_not_the_reward_and_is_clipp
     np.testing.assert_allclose(step.rewards, step.rewards[0])
 
 
+@pytest.mark.parametrize(
+    ("exploring", "fraction", "steered"),
+    [(False, 0.0, 0), (False, 0.25, 2), (False, 0.5, 4), (False, 1.0, 8), (True, 0.25, 8)],
+)
+def test_the_hallucinated_action_steers_a_fraction_of_the_trajectories_of_later_searches(
+    exploring: bool, fraction: float, steered: int
+) -> None:
+    strategy = Optimistic(beta=1.0, steered_fraction=fraction)
+    world = small_world(TruePendulum(epistemic_std=0.5), strategy, exploring=exploring)
+    imagination = world.trajectories(8, seed=0)
+    with_and_without = []
+    for hallucinated in (1.0, 0.0):
+        imagination.seed(0)
+        imagination.reset()
+        actions = np.tile(np.array([0.6, hallucinated, hallucinated], dtype=np.float32), (8, 1))
+        with_and_without.append(imagination.step(actions).observations[:, 2])
+    moved = with_and_without[0] - with_and_without[1]
+    np.testing.assert_allclose(np.sort(moved), [0.0] * (8 - steered) + [0.5] * steered, atol=1e-5)
+
+
 def test_a_bonus_raises_the_reward_but_not_the_return() -> None:
     plain, paid = (
         imagine(TruePendulum(epistemic_std=0.5), strategy, num_envs=3) for strategy in (Bonus(0.0), Bonus(2.0))

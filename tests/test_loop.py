@@ -94,9 +94,10 @@ def test_a_search_of_another_kind_is_played_chosen_and_reported() -> None:
     loop: Loop = make_loop(env, on_refit=reports.append, on_episode=lambda: episodes.append(loop.state.real_episodes))
     loop.begin()
     policy = LinearPolicy(3, loop.world)
-    for deterministic in (False, True):
-        policy.improve(loop.begin_search(num_trajectories=8), tries=5)
-        loop.end_search(policy, deterministic)
+    for progress in (0.4, 0.5):
+        policy.improve(loop.begin_search(num_trajectories=8, progress=progress), tries=5)
+        assert loop.world.exploring == (progress == 0.4)
+        loop.end_search(policy, progress)
     assert episodes == [1, 2, 3, 4]
     assert [report.scalars["real/episode"] for report in reports] == [2, 3, 4]
     assert [episode.real_episode for episode in loop.state.imagined_episodes] == [3, 4]
@@ -126,7 +127,7 @@ def test_the_world_changes_with_each_search_and_only_then() -> None:
     loop.begin()
     first = loop.begin_search()
     policy = LinearPolicy(3, first)
-    loop.end_search(policy, deterministic=True)
+    loop.end_search(policy, progress=1.0)
     assert loop.world is first
     with pytest.raises(AttributeError):
         first.horizon = 3  # type: ignore[misc]  # the point of it

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch as th
@@ -70,19 +70,21 @@ class WorldRecipe:
         """
         return self._world(learned, starts, learned.dynamics, self.strategy, Limits())
 
-    def world(self, learned: Learned, starts: StartStates, num_samples: int) -> World:
+    def world(self, learned: Learned, starts: StartStates, num_samples: int, exploring: bool = True) -> World:
         """
         The World of the next search.
 
         :param learned: with a newly fitted model
         :param starts: of all worlds of a run
         :param num_samples: number of posterior samples, where the strategy gives each trajectory one of its own
+        :param exploring: see :class:`World`
         """
         model = learned.dynamics
         limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap)
         strategy = self.strategy.adapted(model, learned.real_episodes)
         predictor = strategy.predictor(model, num_samples, learned.generator)
-        return self._world(learned, starts, predictor, strategy, limits)
+        world = self._world(learned, starts, predictor, strategy, limits)
+        return replace(world, exploring=exploring)
 
     def _world(
         self,

@@ -44,6 +44,7 @@ class Trajectories:
     def __init__(self, world: World, num_envs: int, seed: int) -> None:
         self.world = world
         self.num_envs = num_envs
+        self._ignored = self._ignored_actions()
         self._states = th.empty(0)
         self.returns = np.zeros(num_envs)
         self.lengths = np.zeros(num_envs, dtype=np.int64)
@@ -52,6 +53,15 @@ class Trajectories:
         #: first
         self.initial_returns: list[float] = []
         self.seed(seed)
+
+    def _ignored_actions(self) -> th.Tensor | None:
+        """Where (a, a′) counts as 0, as a′ does not steer the trajectory, shape (B, q + h); None for nowhere."""
+        world = self.world
+        unsteered = ~world.strategy.steers(self.num_envs, world.exploring)
+        if not unsteered.any():
+            return None
+        is_hallucinated = np.arange(world.action_space.shape[0]) >= world.predictor.action_dim
+        return th.as_tensor(unsteered[:, None] & is_hallucinated, device=world.device)
 
     def seed(self, seed: int) -> None:
         """
@@ -104,6 +114,8 @@ class Trajectories:
             raise RuntimeError("call reset() before step()")
         world = self.world
         action = th.as_tensor(actions, device=world.device, dtype=th.float32)
+        if self._ignored is not None:
+            action = action.masked_fill(self._ignored, 0.0)
         stepped = world.step(self._states, action, self._noise_generator)
         truncated = self.lengths + 1 >= world.horizon
         too_uncertain = world.limits.exceeded(stepped.prediction.epistemic_std)

@@ -57,6 +57,8 @@ class World:
     :param starts: where trajectories begin
     :param limits: how far imagination may leave what was seen
     :param seed: of trajectories that are asked for without a seed
+    :param exploring: whether to show what may be possible, or only what the policy can rely on, see
+        :meth:`sb3_hucrl.ExplorationStrategy.steers`
     :raises ValueError: if the horizon is below 1, or predictor, strategy, task and action space do not fit together
     """
 
@@ -68,6 +70,7 @@ class World:
     starts: StartStates
     limits: Limits = field(default_factory=Limits)
     seed: int = 0
+    exploring: bool = True
 
     def __post_init__(self) -> None:
         if self.horizon < 1:

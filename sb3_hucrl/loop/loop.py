@@ -193,29 +193,37 @@ class Loop:
             new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
         return search_length(new_steps)
 
-    def begin_search(self, num_trajectories: int = 1) -> World:
+    def begin_search(self, num_trajectories: int = 1, progress: float = 0.0) -> World:
         """
         :param num_trajectories: number of trajectories that will be imagined in parallel
+        :param progress: fraction of the training that will be over when the search ends
         :return: the World to search in until the next refit
         """
         planning = self.settings.planning
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
         horizon, longest = self._horizon(), self.problem.episode_length
         self.recipe = replace(self.recipe, horizon=horizon)
-        self.world = self.recipe.world(self.state, self._starts.trusting(min(1.0, horizon / longest)), num_samples)
+        starts = self._starts.trusting(min(1.0, horizon / longest))
+        self.world = self.recipe.world(self.state, starts, num_samples, self._explores(progress))
         self._note("hucrl", {"horizon": horizon})
         self._note("hucrl", self.state.dynamics.diagnostics())
         self._note("hucrl", self.world.strategy.diagnostics())
         self._search_started = time.perf_counter()
         return self.world
 
-    def end_search(self, search: Search, deterministic: bool) -> None:
+    def _explores(self, progress: float) -> bool:
+        """Whether real episodes sample the present policy, and do not play the mode of the best one so far."""
+        return max(progress, self.progress) < self.settings.real.sampling_fraction
+
+    def end_search(self, search: Search, progress: float) -> None:
         """
-        Play rounds of real episodes with what was found, and refit.
+        Play rounds of real episodes with what was found, and refit. In the first part of the training they sample the
+        present policy, later they play the mode of the best one so far.
 
         :param search: of a policy in :attr:`world`
-        :param deterministic: whether to play the mode of the best policy so far, or to sample the present one
+        :param progress: fraction of the training that is over
         """
+        deterministic = not self._explores(progress)
         self._scalars["time/search_seconds"] = time.perf_counter() - self._search_started
         if deterministic and search.parameters() is not None:
             self.state.best, promised = choose_policy(
