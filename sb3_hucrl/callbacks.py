@@ -11,7 +11,7 @@ from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
-from sb3_hucrl.sb3 import TrainingLog, find_imagination, make_loop, make_search, require_place, save_atomically
+from sb3_hucrl.sb3 import Checkpoint, TrainingLog, find_imagination, make_loop, make_search, require_place
 from sb3_hucrl.tasks import Task
 
 
@@ -102,13 +102,13 @@ class HUCRLCallback(BaseCallback):
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )
         self.log_dir, self.checkpoint = log_dir, checkpoint
-        self._log = TrainingLog()
-        self._searching = False
+        self._log, self._searching = TrainingLog(), False
 
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
         self._env = find_imagination(self.training_env)
         self._loop = make_loop(self.model, self._env, self.settings, self._save, self._on_refit, self.verbose)
+        self._file = Checkpoint(self.model, self.checkpoint)
         self._search = make_search(self.model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)
         self._log.begin(self.model, self.log_dir, held=lambda: self._env.trajectories is not None)
@@ -131,6 +131,7 @@ class HUCRLCallback(BaseCallback):
             self._searching = False
             self._env.real()
             self._log.end()
+            self._file.end()
 
     def _start_search(self) -> None:
         ends = (self.model.num_timesteps + self._loop.imagined_steps) / self._total_timesteps
@@ -145,5 +146,4 @@ class HUCRLCallback(BaseCallback):
         self._save()
 
     def _save(self) -> None:
-        if self.checkpoint is not None:
-            save_atomically(self.model, self.checkpoint)
+        self._file.save()

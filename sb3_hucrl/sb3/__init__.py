@@ -1,7 +1,7 @@
 """SB3 algorithms as policy searches of the loop: the only room that touches SB3's private attributes."""
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
-from sb3_hucrl.sb3.checkpoint import save_atomically
+from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
@@ -10,11 +10,13 @@ from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer
+from sb3_hucrl.sb3.saved import is_whole, previous_path
 from sb3_hucrl.sb3.search import SB3Search, make_search
 from sb3_hucrl.sb3.stack import SingleEnv, find_imagination, read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 
 __all__ = [
+    "Checkpoint",
     "MixedReplayBuffer",
     "Parameters",
     "Row",
@@ -25,10 +27,12 @@ __all__ = [
     "attach_state",
     "find_imagination",
     "get_state",
+    "is_whole",
     "make_loop",
     "make_search",
     "planner_actor",
     "policy_actor",
+    "previous_path",
     "read_problem",
     "real_systems",
     "require_place",

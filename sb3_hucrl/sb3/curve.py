@@ -13,12 +13,11 @@ import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.loop import HUCRLState
-from sb3_hucrl.sb3.checkpoint import read_attribute
+from sb3_hucrl.sb3.saved import read_attribute
 from sb3_hucrl.sb3.state import ATTRIBUTE as STATE
+from sb3_hucrl.sb3.state import CURVE_ATTRIBUTE as ATTRIBUTE
 from sb3_hucrl.sb3.state import get_state
 
-#: SB3 saves every attribute of an algorithm in its zip file, and this one, of plain numbers and texts, as readable JSON
-ATTRIBUTE = "hucrl_curve"
 #: in seconds; their order is all that is known of the times of real episodes in files of earlier versions
 TICK = 1e-6
 

@@ -11,7 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from sb3_hucrl.sb3.checkpoint import read_attribute
+from sb3_hucrl.sb3.saved import read_attribute
 
 #: SB3 saves every attribute of an algorithm in its zip file, and this one too
 ATTRIBUTE = "hucrl_normalization"
