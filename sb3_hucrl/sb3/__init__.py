@@ -2,7 +2,7 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
-from sb3_hucrl.sb3.curve import Row, saved_curve
+from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.normalization import saved_normalization
@@ -17,6 +17,7 @@ from sb3_hucrl.sb3.state import attach_state, get_state
 
 __all__ = [
     "Checkpoint",
+    "Curve",
     "MixedReplayBuffer",
     "Parameters",
     "Row",

@@ -28,10 +28,10 @@ def is_whole(path: Path) -> bool:
     :return: whether it is the zip file of an SB3 algorithm, with all that was written to it
     """
     try:
-        with ZipFile(path) as archive:
-            return "data" in archive.namelist() and archive.testzip() is None
-    except (BadZipFile, zlib.error, EOFError):
+        _read_data(path)
+    except ValueError:
         return False
+    return True
 
 
 def read_attribute(path: str | Path, name: str) -> Any:
@@ -74,6 +74,8 @@ def real_steps_in(path: Path) -> int | None:
 def _read_data(path: Path) -> dict[str, Any]:
     try:
         with ZipFile(path) as archive:
+            if (broken := archive.testzip()) is not None:
+                raise BadZipFile(f"{broken} in it is damaged")
             found: dict[str, Any] = json.loads(archive.read("data"))
     except (BadZipFile, zlib.error, EOFError, KeyError, ValueError) as error:
         previous = previous_path(path)

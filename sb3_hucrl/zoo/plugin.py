@@ -17,9 +17,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.envs.twins import Twin, UnsupportedEnvironmentError
-from sb3_hucrl.sb3 import get_state, saved_curve
+from sb3_hucrl.sb3 import Curve, get_state, saved_curve
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
 from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
+from sb3_hucrl.zoo.callback_entry import find_entry
+from sb3_hucrl.zoo.folder import CHECKPOINT, SavedWhole, claim_folder, remove_leftovers
 from sb3_hucrl.zoo.interrupt import interrupt_on_termination
 from sb3_hucrl.zoo.resume import Resumed, begin_monitor_files
 from sb3_hucrl.zoo.sbx import register_sbx
@@ -64,7 +66,16 @@ def _callbacks(manager: ExperimentManager) -> list[HUCRLCallback]:
 def _prepare_logs(manager: ExperimentManager) -> None:
     for callback in _callbacks(manager):
         callback.log_dir = callback.log_dir or manager.save_path
-        callback.checkpoint = callback.checkpoint or f"{manager.save_path}/checkpoint.zip"
+        callback.checkpoint = callback.checkpoint or f"{manager.save_path}/{CHECKPOINT}"
+
+
+def _curve_to_go_on_with(manager: ExperimentManager) -> Curve | None:
+    path = Path(manager.trained_agent)
+    remove_leftovers(path.parent)
+    try:
+        return saved_curve(path)
+    except ValueError as error:
+        raise SystemExit(str(error)) from None
 
 
 def _evaluate_on_request(manager: ExperimentManager) -> None:
@@ -108,10 +119,19 @@ def _read_hyperparameters(original: Callable[..., Any]) -> Callable[..., Any]:
     return read_hyperparameters
 
 
+def _create_log_folder(original: Callable[..., Any]) -> Callable[..., Any]:
+    def create_log_folder(self: ExperimentManager) -> None:
+        if find_entry(self.specified_callbacks) is not None:
+            claim_folder(self)
+        original(self)
+
+    return create_log_folder
+
+
 def _create_envs(original: Callable[..., Any]) -> Callable[..., Any]:
     def create_envs(self: ExperimentManager, n_envs: int, eval_env: bool = False, no_log: bool = False) -> Any:
         logs = self.continue_training and _callbacks(self) and not (eval_env or no_log)
-        curve = saved_curve(self.trained_agent) if logs else None
+        curve = _curve_to_go_on_with(self) if logs else None
         if curve is None:
             return original(self, n_envs, eval_env, no_log)
         rows, env_id = curve["monitor"], str(self.env_name.gym_id)
@@ -135,6 +155,13 @@ def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
     return learn
 
 
+def _save_trained_model(original: Callable[..., Any]) -> Callable[..., Any]:
+    def save_trained_model(self: ExperimentManager, model: BaseAlgorithm) -> None:
+        original(self, SavedWhole(model) if _callbacks(self) else model)
+
+    return save_trained_model
+
+
 def _objective(original: Callable[..., Any]) -> Callable[..., Any]:
     def objective(self: ExperimentManager, trial: optuna.Trial) -> Any:
         return original(prepare_trial(self, trial), trial)
@@ -148,8 +175,10 @@ def install() -> None:
     _extend("__init__", _init)
     _extend("create_callbacks", _create_callbacks)
     _extend("read_hyperparameters", _read_hyperparameters)
+    _extend("create_log_folder", _create_log_folder)
     _extend("create_envs", _create_envs)
     _extend("learn", _learn)
+    _extend("save_trained_model", _save_trained_model)
     _extend("objective", _objective)
     register_algorithms()
     register_sbx()

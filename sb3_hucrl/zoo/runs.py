@@ -11,16 +11,20 @@ from typing import Any
 
 import gymnasium as gym
 import pandas as pd
-import yaml
 from rl_zoo3.utils import ALGOS, get_wrapper_class
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_hucrl.imagination import World
 from sb3_hucrl.loop import HUCRLState, Loop, Problem, Settings
-from sb3_hucrl.sb3 import get_state, saved_normalization
+from sb3_hucrl.sb3 import get_state, is_whole, previous_path, saved_normalization
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.zoo.callback_entry import find_entry
+from sb3_hucrl.zoo.folder import CHECKPOINT
+from sb3_hucrl.zoo.yaml_files import read_yaml, require_read
+
+#: what is used of args.yml and config.yml
+USED = ("env", "algo", "env_kwargs", "gym_packages"), ("env_kwargs", "env_wrapper", "normalize", "callback")
 
 
 @dataclass(frozen=True)
@@ -42,10 +46,12 @@ class ZooRun:
 
     @cached_property
     def _settings(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        # rl_zoo3 writes ordered dictionaries, with Python's own tags.
         [folder] = [path.parent for path in self.folder.glob("*/config.yml")]
-        texts = [(folder / name).read_text() for name in ("args.yml", "config.yml")]
-        args, config = (dict(yaml.load(text, Loader=yaml.UnsafeLoader)) for text in texts)
+        paths = folder / "args.yml", folder / "config.yml"
+        args, config = map(read_yaml, paths)
+        for path, found, names in zip(paths, (args, config), USED, strict=True):
+            for name in names:
+                require_read(path, name, found.get(name))
         # Such a package registers the environment.
         for name in args.get("gym_packages") or ():
             importlib.import_module(name)
@@ -67,14 +73,21 @@ class ZooRun:
     def model(self) -> BaseAlgorithm:
         """The final SB3 model, or the latest checkpoint of a run that is still running or was killed."""
         args, _ = self._settings
-        names = (f"{args['env']}.zip", "checkpoint.zip")
-        paths = [self.folder / name for name in names if (self.folder / name).is_file()]
-        if not paths:
-            raise ValueError(f"{self.folder} has none of {list(names)}: no real episode has been finished")
+        checkpoint = self.folder / CHECKPOINT
+        paths = [self.folder / f"{args['env']}.zip", checkpoint, previous_path(checkpoint)]
+        found = [path for path in paths if path.is_file()]
+        if not found:
+            names = [path.name for path in paths]
+            raise ValueError(f"{self.folder} has none of {names}: no real episode has been finished")
+        path = next(filter(is_whole, found), None)
+        if path is None:
+            raise ValueError(
+                f"{' and '.join(map(str, found))} cannot be read: a file of this run is damaged or cut off"
+            )
         with warnings.catch_warnings():
             # SB3 says so of every loaded model, whose n-step replay buffer it has made itself.
             warnings.filterwarnings("ignore", message="`n_steps=")
-            return ALGOS[args["algo"]].load(paths[0], env=self._normalised_env(paths[0]), device="cpu")
+            return ALGOS[args["algo"]].load(path, env=self._normalised_env(path), device="cpu")
 
     def _normalised_env(self, model: Path) -> VecNormalize | None:
         args, config = self._settings
