@@ -106,11 +106,14 @@ class TransitionDataset:
                 f"the episode has (state, action) dimensions {dims}, the dataset {(self.state_dim, self.action_dim)}: "
                 "use a dataset made for this environment"
             )
-        self.transitions = Transitions.concatenate([self.transitions, episode])
-        self.initial_states = th.cat([self.initial_states, episode.states[:1]])
-        self.lengths.append(len(episode))
         drawn = th.rand(len(episode), generator=self._generator) < self.holdout_fraction
-        self._is_holdout = th.cat([self._is_holdout, drawn])
+        # One step for Python, so that an interruption leaves all or none of the episode.
+        vars(self).update(
+            transitions=Transitions.concatenate([self.transitions, episode]),
+            initial_states=th.cat([self.initial_states, episode.states[:1]]),
+            lengths=[*self.lengths, len(episode)],
+            _is_holdout=th.cat([self._is_holdout, drawn]),
+        )
 
     @property
     def episodes(self) -> list[Transitions]:

@@ -35,7 +35,7 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_promises,
 )
 from sb3_hucrl.imagination import Limits
-from sb3_hucrl.loop import ImaginedEpisode
+from sb3_hucrl.loop import ImaginedEpisode, PromisedReturn
 from sb3_hucrl.tasks import PendulumTask
 from sb3_hucrl.zoo.runs import ZooRun
 
@@ -58,7 +58,7 @@ def state_after(*episodes: Transitions, model: TruePendulum | None = None) -> HU
     dataset = TransitionDataset(2, 1)
     for episode in episodes:
         dataset.append_episode(episode)
-    return HUCRLState(dataset, model or TruePendulum(), th.Generator(), real_episodes=len(episodes))
+    return HUCRLState(dataset, model or TruePendulum(), th.Generator())
 
 
 def test_the_truth_predicts_everything() -> None:
@@ -123,9 +123,18 @@ def test_an_episode_that_repeats_another_shows_nothing_new() -> None:
 
 def test_returns_are_compared_over_as_many_steps() -> None:
     real = [played(40, seed) for seed in range(2)]
-    promised = ImaginedEpisode(2, replace(real[0][:10], rewards=th.ones(10)))
-    [promise] = compare_returns(real, [promised], horizon=10)
-    assert promise == Promise(2, 10.0, float(real[1].rewards[:10].sum()))
+    promised = PromisedReturn.of(ImaginedEpisode(2, replace(real[0][:10], rewards=th.ones(10))))
+    [promise] = compare_returns(real, [promised])
+    assert (promise.episode, promise.imagined) == (2, 10.0)
+    assert promise.real == pytest.approx(float(real[1].rewards[:10].sum()))
+
+
+def test_an_imagined_episode_that_the_task_ended_is_compared_with_the_whole_real_one() -> None:
+    real = [played(40, seed) for seed in range(2)]
+    ends = th.arange(10) == 9
+    promised = PromisedReturn.of(ImaginedEpisode(2, replace(real[0][:10], rewards=th.ones(10), terminated=ends)))
+    [promise] = compare_returns(real, [promised])
+    assert promise.real == pytest.approx(float(real[1].rewards.sum()))
 
 
 def test_imagination_is_measured_where_it_goes() -> None:

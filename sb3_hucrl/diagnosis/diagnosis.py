@@ -104,7 +104,7 @@ def diagnose(run: ZooRun) -> Diagnosis:
 
     imagination, search = None, None
     if not isinstance(run.model, HMPC):
-        promises = compare_returns(episodes, state.imagined_episodes, world.horizon)
+        promises = compare_returns(episodes, state.promised_returns)
         act = policy_actor(run.model, deterministic=False)
         imagination = measure_imagination(world, act, state, promises)
         search = measure_search(run.model, world, state, _entropy_coefficient(run))

@@ -10,7 +10,7 @@ import torch as th
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.diagnosis.units import Units
 from sb3_hucrl.imagination import BatchActor, World
-from sb3_hucrl.loop import HUCRLState, ImaginedEpisode
+from sb3_hucrl.loop import HUCRLState, PromisedReturn
 
 #: imagined in parallel
 TRAJECTORIES = 64
@@ -74,16 +74,15 @@ class ImaginationMeasures:
         return float(np.median(gaps))
 
 
-def compare_returns(episodes: list[Transitions], imagined: list[ImaginedEpisode], horizon: int) -> list[Promise]:
+def compare_returns(episodes: list[Transitions], promised: list[PromisedReturn]) -> list[Promise]:
     """
     :param episodes: all real ones
-    :param imagined: before some of them
-    :param horizon: steps after which imagination stops, and reality counts no longer
+    :param promised: before some of them; where imagination stopped, reality counts no longer
     """
     found = []
-    for each in imagined:
-        real = episodes[each.real_episode - 1].rewards[:horizon]
-        found.append(Promise(each.real_episode, float(each.transitions.rewards.sum()), float(real.sum())))
+    for each in promised:
+        real = episodes[each.real_episode - 1].rewards[: each.steps]
+        found.append(Promise(each.real_episode, each.value, float(real.sum(dtype=th.float64))))
     return found
 
 

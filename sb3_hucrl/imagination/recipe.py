@@ -24,7 +24,10 @@ class Learned(Protocol):
     dataset: TransitionDataset
     dynamics: DynamicsModel
     generator: th.Generator
-    real_episodes: int
+
+    @property
+    def real_episodes(self) -> int:
+        """Number of real episodes so far."""
 
     def draw_seed(self) -> int:
         """A fresh seed."""

@@ -9,7 +9,7 @@ from sb3_hucrl.loop.report import Report
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import ModelSettings, RealSettings, SearchSettings, Settings
-from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
+from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode, PromisedReturn
 from sb3_hucrl.loop.systems import ParallelSystems, RealSystem, RealSystems
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "ModelSettings",
     "ParallelSystems",
     "Problem",
+    "PromisedReturn",
     "RealSettings",
     "RealSystem",
     "RealSystems",

@@ -98,6 +98,8 @@ class Loop:
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
         self._solved = False
+        #: before a real episode that has not been finished
+        self._imagined: ImaginedEpisode | None = None
         self._scalars: dict[str, float] = {}
         self._rollout_seconds = 0.0
         self._search_started = time.perf_counter()
@@ -249,11 +251,11 @@ class Loop:
 
     def _imagine(self, act: BatchActor) -> float:
         """
-        Record what the model promises of the next real episode, the first of its round. Returns the mean epistemic std
+        Note what the model promises of the next real episode, the first of its round. Returns the mean epistemic std
         along it.
         """
         episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
-        self.state.imagined_episodes.append(ImaginedEpisode(self.state.real_episodes + 1, episode))
+        self._imagined = ImaginedEpisode(self.state.real_episodes + 1, episode)
         # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
         return float(epistemic_std(self.state.dynamics, episode).mean())
 
@@ -274,12 +276,14 @@ class Loop:
                 self._remember(finished)
                 self._rollout_seconds += time.perf_counter() - started
                 self._on_episode()
+            self._imagined = None
 
     def _remember(self, episodes: list[Transitions]) -> None:
         state = self.state
         for episode in episodes:
             state.dataset.append_episode(episode)
-            state.real_episodes += 1
+        if self._imagined is not None:
+            state.remember_imagined(self._imagined)
         state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
         threshold = self.settings.real.reward_threshold
         self._solved |= threshold is not None and state.last_return >= threshold

@@ -13,6 +13,8 @@ from sb3_hucrl.dynamics.base import DynamicsModel
 
 #: of what is pickled; version 0 (sb3_hucrl 0.1) had none, and imagined episodes without their numbers
 FORMAT = 1
+#: whole imagined episodes that are kept: the first are pictured as the paper's figures 12 to 14 are
+KEPT_FIRST, KEPT_LATEST = 6, 3
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,31 @@ class ImaginedEpisode:
     """
 
     real_episode: int
-    transitions: Transitions
+    transitions: Transitions = field(repr=False)
+
+
+@dataclass(frozen=True)
+class PromisedReturn:
+    """
+    What is kept of every imagined episode.
+
+    :param real_episode: number of the real episode that followed, from 1
+    :param value: imagined return
+    :param steps: number of steps after which imagination stopped; None if the task had ended the episode
+    """
+
+    real_episode: int
+    value: float
+    steps: int | None
+
+    @staticmethod
+    def of(imagined: ImaginedEpisode) -> PromisedReturn:
+        """
+        :param imagined: the whole episode
+        """
+        transitions = imagined.transitions
+        steps = None if bool(transitions.terminated[-1]) else len(transitions)
+        return PromisedReturn(imagined.real_episode, float(transitions.rewards.sum(dtype=th.float64)), steps)
 
 
 @dataclass
@@ -37,13 +63,14 @@ class HUCRLState:
     :param dataset: every real transition
     :param dynamics: the model fitted to them
     :param generator: the source of the loop's randomness, on the CPU
-    :param real_episodes: number of real episodes so far
     :param last_return: return of the latest real episode; mean of those that were played at once
     :param fitted_steps: number of real steps that the dynamics model was last fitted to
     :param new_steps: number of those that it had not been fitted to before; None in files of earlier versions
     :param search_start: number of timesteps at which the search for the next real episodes began; None in files of
         earlier versions
-    :param imagined_episodes: one for each real episode that a policy played, the first of those played at once
+    :param promised_returns: one for each real episode that a policy played, the first of those played at once
+    :param imagined_episodes: the whole episodes behind the first and the latest of these, which pictures show; all of
+        them would soon be most of a file
     :param best: parameters of the policy with the highest imagined return so far, in the search's own format; None
         while real episodes explore
     """
@@ -51,11 +78,11 @@ class HUCRLState:
     dataset: TransitionDataset
     dynamics: DynamicsModel
     generator: th.Generator
-    real_episodes: int = 0
     last_return: float = float("nan")
     fitted_steps: int = 0
     new_steps: int | None = None
     search_start: int | None = None
+    promised_returns: list[PromisedReturn] = field(default_factory=list)
     imagined_episodes: list[ImaginedEpisode] = field(default_factory=list)
     best: Any = None
 
@@ -69,11 +96,36 @@ class HUCRLState:
                 f"this file was written by a newer sb3_hucrl (format {found}, and this version reads up to {FORMAT}): "
                 "upgrade with pip install -U sb3_hucrl"
             )
+        # Until 0.2 it was counted apart, and an interruption could make it differ from the number of episodes.
+        counted = state.pop("real_episodes", 0)
         if found == 0:
             episodes = state["imagined_episodes"]
-            first = state["real_episodes"] - len(episodes) + 1
+            first = counted - len(episodes) + 1
             state["imagined_episodes"] = [ImaginedEpisode(number, each) for number, each in enumerate(episodes, first)]
         self.__dict__.update({"new_steps": None, "search_start": None, **state})
+        if "promised_returns" not in state:
+            self._keep_what_is_needed()
+
+    def _keep_what_is_needed(self) -> None:
+        """Files of earlier versions have all imagined episodes, also those before real ones that nobody finished."""
+        numbered = {each.real_episode: each for each in self.imagined_episodes}
+        followed = {number: each for number, each in numbered.items() if number <= self.real_episodes}
+        self.promised_returns, self.imagined_episodes = [], []
+        for imagined in followed.values():
+            self.remember_imagined(imagined)
+
+    @property
+    def real_episodes(self) -> int:
+        """Number of real episodes so far."""
+        return len(self.dataset.lengths)
+
+    def remember_imagined(self, imagined: ImaginedEpisode) -> None:
+        """
+        :param imagined: before a real episode that has been played
+        """
+        self.promised_returns.append(PromisedReturn.of(imagined))
+        self.imagined_episodes.append(imagined)
+        del self.imagined_episodes[KEPT_FIRST:-KEPT_LATEST]
 
     def draw_seed(self) -> int:
         """A fresh seed for whatever needs a generator of its own."""

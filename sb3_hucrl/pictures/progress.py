@@ -34,10 +34,9 @@ def draw_progress(run: ZooRun, picture: Path) -> None:
         axis.plot(values.index, values, marker="o", markersize=3, label="real")
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
-    imagined = run.state.imagined_episodes
-    numbers = [episode.real_episode for episode in imagined]
-    promised = [float(episode.transitions.rewards.sum()) for episode in imagined]
-    axes[0, 0].plot(numbers, promised, marker="o", markersize=3, linestyle="--", label="imagined before it")
+    promised = run.state.promised_returns
+    numbers, returns = [each.real_episode for each in promised], [each.value for each in promised]
+    axes[0, 0].plot(numbers, returns, marker="o", markersize=3, linestyle="--", label="imagined before it")
     axes[0, 0].legend(fontsize=8)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[1, 1].set_yscale("log")
