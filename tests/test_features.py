@@ -1,13 +1,14 @@
 """Fourier features and Bayesian linear regression in closed form."""
 
 import math
+from typing import Any
 
 import pytest
 import torch as th
 
 from helpers import pendulum_dataset, random_transitions
 from sb3_hucrl import DynamicsModel
-from sb3_hucrl.dynamics import make_dynamics
+from sb3_hucrl.dynamics import linear, make_dynamics
 from sb3_hucrl.dynamics.features import FeatureModel, QuadratureFourierModel, RandomFourierModel
 from sb3_hucrl.dynamics.fourier import FourierFeatures, quadrature_features, random_features
 from sb3_hucrl.dynamics.linear import BayesianLinearRegression
@@ -104,6 +105,42 @@ def test_one_fit_and_many_are_the_same(name: str) -> None:
     expected, actual = (model.predict(batch.states, batch.actions) for model in (together, apart))
     th.testing.assert_close(actual.mean, expected.mean)
     th.testing.assert_close(actual.epistemic_std, expected.epistemic_std, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rff", "qff"])
+@pytest.mark.parametrize("size", [50, 400], ids=["added", "standardised again"])
+@pytest.mark.parametrize(
+    "place", [(linear, "safe_cholesky"), (th, "cholesky_solve"), (BayesianLinearRegression, "predict")]
+)
+def test_an_interrupted_fit_counts_no_transition_twice(
+    name: str, size: int, place: tuple[Any, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*args: Any) -> None:
+        raise KeyboardInterrupt
+
+    few = {"num_features": 60} if name == "rff" else {"nodes_per_dim": 3}
+    model, whole = (make_dynamics(name, 2, 1, (0,), th.Generator().manual_seed(0), **few) for _ in range(2))
+    assert isinstance(model, FeatureModel)
+    assert isinstance(whole, FeatureModel)
+    dataset = pendulum_dataset(200)
+    model.fit(dataset, th.Generator())
+    dataset.append_episode(random_transitions(size, seed=1))
+    with monkeypatch.context() as patch:
+        patch.setattr(*place, interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            model.fit(dataset, th.Generator())
+    for each in (model, whole):
+        each.fit(dataset, th.Generator())
+        assert int(each.num_seen) == len(dataset.train)
+    batch = random_transitions(20, seed=4)
+    expected, actual = (each.predict(batch.states, batch.actions) for each in (whole, model))
+    # Inputs may be standardised on fewer transitions, of which the posterior depends little.
+    th.testing.assert_close(actual.mean, expected.mean, rtol=0.01, atol=0.02)
+    gain = whole.information_gain()
+    assert model.information_gain() == pytest.approx(gain, rel=0.02)
+    # The precision is a sum over transitions, whose features have length 1.
+    traces = [float(each.regression.precision.trace()) for each in (whole, model)]
+    assert traces[1] == pytest.approx(traces[0], rel=1e-9)
 
 
 def test_bad_input_says_what_to_do() -> None:

@@ -61,15 +61,19 @@ class FeatureModel(DeltaModel):
     def _learn(
         self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator
     ) -> float:
-        if len(inputs) >= 2 * self.scaled_on:
+        scaled_on = int(self.scaled_on)
+        # If this fit is interrupted, nobody knows which transitions are in: the next one begins from none.
+        self.scaled_on.zero_()
+        if len(inputs) >= 2 * scaled_on:
             self.inputs.update(inputs)
             self.deltas.update(deltas)
             self.regression.reset()
             self.num_seen.zero_()
-            self.scaled_on.fill_(len(inputs))
+            scaled_on = len(inputs)
         new_inputs, new_deltas = inputs[self.num_seen :], deltas[self.num_seen :]
         self.regression.update(self.fourier(self.inputs(new_inputs)), self.deltas(new_deltas).double())
         self.num_seen.fill_(len(inputs))
+        self.scaled_on.fill_(scaled_on)
         mean, _ = self.regression.predict(self.fourier(self.inputs(inputs)))
         return float((self.deltas(deltas) - mean).square().sum(dim=-1).mean())
 
