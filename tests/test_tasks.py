@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -221,11 +222,18 @@ def test_task_is_given_by_name_learned_or_imported() -> None:
         ("nowhere.MyTask", "task 'nowhere.MyTask' cannot be imported .* 'learned', or module.Class"),
         ("sb3_hucrl.tasks.Missing", "cannot be imported"),
         ("collections.Counter", "is a Counter: it must be a subclass of sb3_hucrl.tasks.Task"),
+        ("sb3_hucrl.tasks.resolve_task", "is a function: it must be a subclass"),
     ],
 )
 def test_a_wrong_task_says_what_to_do(task: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         resolve_task(task, {}, None, 3)
+
+
+def test_what_is_no_task_is_not_called(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"task 'os\.mkdir' is a builtin_function_or_method: it must be a subclass"):
+        resolve_task("os.mkdir", {"path": str(tmp_path / "made")}, None, 3)
+    assert not list(tmp_path.iterdir())
 
 
 class Lamp(Task):

@@ -132,12 +132,14 @@ def resolve_task(
     if task == "learned":
         return LearnedTask(observation_dim, **task_kwargs)
     try:
-        found = pkgutil.resolve_name(task)(**task_kwargs)
+        found = pkgutil.resolve_name(task)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(
             f"task {task!r} cannot be imported ({error}): give 'learned', or module.Class with the module on Python's "
             "path (PYTHONPATH=. for a module in the working directory)"
         ) from error
-    if not isinstance(found, Task):
-        raise ValueError(f"task {task!r} is a {type(found).__name__}: it must be a subclass of sb3_hucrl.tasks.Task")
-    return found
+    # Before it is called: whatever else it is could do anything.
+    if not (isinstance(found, type) and issubclass(found, Task)):
+        kind = found.__name__ if isinstance(found, type) else type(found).__name__
+        raise ValueError(f"task {task!r} is a {kind}: it must be a subclass of sb3_hucrl.tasks.Task")
+    return found(**task_kwargs)
