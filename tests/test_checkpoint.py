@@ -8,10 +8,13 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import pytest
 from stable_baselines3 import SAC
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from helpers import imagination_env, small_callback, small_sac, state_of
+from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
+from sb3_hucrl import ImaginationVecEnv
 from sb3_hucrl.dynamics import ProbabilisticEnsemble
 from sb3_hucrl.files import FileLock, keep_as, remove_partials, replacing
 from sb3_hucrl.sb3 import previous_path, saved_curve
@@ -36,7 +39,7 @@ def load(path: Path) -> SAC:
 def unreadable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A checkpoint with 80 real steps, whose model's class has been renamed since."""
     path = tmp_path / "checkpoint.zip"
-    train(path, dynamics=Renamed(2, 1, gradient_steps=5))
+    train(path, dynamics=Renamed(2, 1, gradient_steps=5), dynamics_kwargs=None)
     monkeypatch.delattr(sys.modules[__name__], "Renamed")
     return path
 
@@ -45,7 +48,7 @@ def test_what_cannot_be_read_is_not_begun_anew(unreadable: Path) -> None:
     before = unreadable.read_bytes()
     with pytest.warns(UserWarning, match="Could not deserialize object hucrl"):
         model = load(unreadable)
-    with pytest.raises(ValueError, match=r"trained on 2 real episodes.*could not be read.*Restore the class"):
+    with pytest.raises(ValueError, match=r"trained on real episodes.*could not be read.*Restore the class"):
         train(unreadable, model=model)
     assert unreadable.read_bytes() == before
     with pytest.raises(ValueError, match=r"checkpoint\.zip has as 'hucrl' cannot be read \(.*Renamed.*restore"):
@@ -63,6 +66,17 @@ def test_a_training_from_nothing_keeps_a_checkpoint_that_holds_more(tmp_path: Pa
         assert kept.read_bytes() == before
         assert real_steps_in(path) == 80
         path.write_bytes(before)
+
+
+def test_steps_count_without_a_monitor_too(tmp_path: Path) -> None:
+    def make() -> gym.Env[Any, Any]:
+        return gym.make(ENV_ID, max_episode_steps=40)
+
+    path = tmp_path / "checkpoint.zip"
+    train(path, model=small_sac(ImaginationVecEnv(DummyVecEnv([make, make]))))
+    assert real_steps_in(path) == 80
+    with pytest.warns(UserWarning, match="holds 80 real steps"):
+        train(path)
 
 
 def test_one_that_holds_no_more_is_replaced(tmp_path: Path) -> None:

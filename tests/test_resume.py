@@ -73,7 +73,7 @@ def test_an_interrupted_refit_is_made_up_for(tmp_path: Path) -> None:
     for each in (model, loaded):
         assert state_of(each).real_episodes == 2
         assert state_of(each).fitted_steps == 400
-    loaded.learn(80, callback=small_callback())
+    loaded.learn(80, callback=small_callback(dynamics=InterruptedFit(2, 1)))
     assert state_of(loaded).real_episodes == 3
     assert state_of(loaded).fitted_steps == 1_200
 

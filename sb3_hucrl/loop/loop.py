@@ -12,7 +12,7 @@ import numpy as np
 import torch as th
 
 from sb3_hucrl.data import TransitionDataset, Transitions
-from sb3_hucrl.dynamics import make_dynamics
+from sb3_hucrl.dynamics import FitReport
 from sb3_hucrl.imagination import (
     BatchActor,
     World,
@@ -24,6 +24,7 @@ from sb3_hucrl.imagination import (
 )
 from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.budget import least_real_steps, search_length
+from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
@@ -83,7 +84,10 @@ class Loop:
         self._on_episode, self._on_refit = on_episode, on_refit
         self.state = self._fresh_state(seed) if state is None else state
         self._require_same_dimensions()
+        replaced = follow_settings(self.state, settings.model, problem.task)
         self.state.dynamics.to(device)
+        if replaced and self.state.fitted_steps > 0:
+            self._fit()
         search = settings.search
         self.recipe = WorldRecipe(
             search.strategy,
@@ -109,11 +113,8 @@ class Loop:
         task, action_dim, settings = self.problem.task, self.problem.action_dim, self.settings.model
         dataset_seed = int(th.randint(2**31, (), generator=generator))
         dataset = TransitionDataset(task.width, action_dim, seed=dataset_seed)
-        dynamics = settings.dynamics
-        if isinstance(dynamics, str):
-            kwargs = settings.dynamics_kwargs or {}
-            dynamics = make_dynamics(dynamics, task.state_dim, action_dim, task.angle_dims, generator, **kwargs)
-        return HUCRLState(dataset, dynamics, generator)
+        dynamics = make_model(settings, task, action_dim, generator)
+        return HUCRLState(dataset, dynamics, generator, origin=origin_of(settings))
 
     def _horizon(self) -> int:
         given, known, longest = self.settings.search.horizon, self.state.dataset, self.problem.episode_length
@@ -291,15 +292,18 @@ class Loop:
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
-        # A search that needs no gradients, such as ARS, may have switched them off.
-        with th.enable_grad():
-            fit = state.dynamics.fit(state.dataset, state.generator)
+        fit = self._fit()
         state.new_steps = self._unseen_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
         self._on_refit(Report(self._scalars, fit))
         self._scalars, self._rollout_seconds = {}, 0.0
+
+    def _fit(self) -> FitReport:
+        # A search that needs no gradients, such as ARS, may have switched them off.
+        with th.enable_grad():
+            return self.state.dynamics.fit(self.state.dataset, self.state.generator)
 
     def _note(self, group: str, values: dict[str, Any]) -> None:
         self._scalars.update({f"{group}/{name}": value for name, value in values.items()})

@@ -54,6 +54,20 @@ class PromisedReturn:
         return PromisedReturn(imagined.real_episode, float(transitions.rewards.sum(dtype=th.float64)), steps)
 
 
+@dataclass(frozen=True)
+class ModelOrigin:
+    """
+    :param name: of a dynamics model
+    :param kwargs: its arguments
+    """
+
+    name: str
+    kwargs: dict[str, Any]
+
+    def __str__(self) -> str:
+        return f"{self.name!r} with {self.kwargs}" if self.kwargs else repr(self.name)
+
+
 @dataclass
 class HUCRLState:
     """
@@ -71,6 +85,10 @@ class HUCRLState:
     :param promised_returns: one for each real episode that a policy played, the first of those played at once
     :param imagined_episodes: the whole episodes behind the first and the latest of these, which pictures show; all of
         them would soon be most of a file
+    :param origin: what the dynamics model was made of; None for one that the user has made, and in files of earlier
+        versions
+    :param environment: id and plain arguments of the environment that the transitions are from; None where they are
+        not known, and in files of earlier versions
     :param best: parameters of the policy with the highest imagined return so far, in the search's own format; None
         while real episodes explore
     """
@@ -84,6 +102,8 @@ class HUCRLState:
     search_start: int | None = None
     promised_returns: list[PromisedReturn] = field(default_factory=list)
     imagined_episodes: list[ImaginedEpisode] = field(default_factory=list)
+    origin: ModelOrigin | None = None
+    environment: dict[str, Any] | None = None
     best: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,7 +122,8 @@ class HUCRLState:
             episodes = state["imagined_episodes"]
             first = counted - len(episodes) + 1
             state["imagined_episodes"] = [ImaginedEpisode(number, each) for number, each in enumerate(episodes, first)]
-        self.__dict__.update({"new_steps": None, "search_start": None, **state})
+        missing = dict.fromkeys(("new_steps", "search_start", "origin", "environment"))
+        self.__dict__.update({**missing, **state})
         if "promised_returns" not in state:
             self._keep_what_is_needed()
 

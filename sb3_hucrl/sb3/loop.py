@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
+from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_hucrl.loop import Loop, Report, Settings
-from sb3_hucrl.sb3.curve import carried_curve, monitor_recorder
+from sb3_hucrl.loop import HUCRLState, Loop, Report, Settings
+from sb3_hucrl.sb3.curve import carried_curve, monitor_recorder, plain
 from sb3_hucrl.sb3.normalization import carry_normalization
 from sb3_hucrl.sb3.stack import read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
@@ -47,6 +50,7 @@ def make_loop(
 
     loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
     carry_normalization(model)
+    _note_environment(loop.state, env.venv)
     # A search that was interrupted goes on, unless timesteps are counted from 0 again.
     begun = loop.state.search_start
     loop.state.search_start = model.num_timesteps if begun is None else min(begun, model.num_timesteps)
@@ -55,3 +59,19 @@ def make_loop(
     elif verbose > 0:
         print(f"Resuming with {carried.real_episodes} real episodes, {len(carried.dataset)} real steps")
     return loop
+
+
+def _note_environment(state: HUCRLState, venv: VecEnv) -> None:
+    """Warn of another environment than that of the transitions so far."""
+    spec: EnvSpec | None = venv.get_attr("spec", indices=0)[0]
+    if spec is None:
+        return
+    now = {"id": spec.id, "max_episode_steps": spec.max_episode_steps, **plain(spec.kwargs)}
+    now.pop("render_mode", None)
+    if state.environment not in (None, now):
+        warnings.warn(
+            f"the loaded model has learned from {state.environment}, and goes on in {now}: if it is not meant to, give "
+            "the environment the same arguments (rl_zoo3: --env-kwargs)",
+            stacklevel=2,
+        )
+    state.environment = now

@@ -61,10 +61,10 @@ def real_steps_in(path: Path) -> int | None:
     :return: number of real steps that a model in it has learned from; None if that cannot be told
     """
     try:
-        curve = _read_data(path).get(CURVE_ATTRIBUTE)
-        if curve is not None:
-            return int(sum(row["l"] for row in curve["monitor"]))
-        # Files of earlier versions have no curve.
+        episodes = _read_data(path).get(CURVE_ATTRIBUTE, {}).get("monitor")
+        if episodes:
+            return int(sum(row["l"] for row in episodes))
+        # Files of earlier versions have no curve, and environments without a Monitor no rows in it.
         state = read_attribute(path, ATTRIBUTE)
     except Exception:  # whatever the classes in it raise: the caller asks whether it may be overwritten
         return None

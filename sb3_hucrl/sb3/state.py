@@ -19,11 +19,11 @@ def get_state(model: BaseAlgorithm) -> HUCRLState | None:
     :raises ValueError: if it was loaded from a file in which SB3 could not read what was learned
     """
     state: HUCRLState | None = getattr(model, ATTRIBUTE, None)
-    if state is None and (lost := getattr(model, CURVE_ATTRIBUTE, {}).get("monitor")):
+    if state is None and any(getattr(model, CURVE_ATTRIBUTE, {}).values()):
         raise ValueError(
-            f"the loaded model was trained on {len(lost)} real episodes, and what it had learned could not be read "
-            "from its file: SB3's warning 'Could not deserialize object hucrl' says why. Restore the class or the "
-            f"package that it names and load the file again, or `del model.{CURVE_ATTRIBUTE}` to train from nothing"
+            "the loaded model was trained on real episodes, and what it had learned could not be read from its file: "
+            "SB3's warning 'Could not deserialize object hucrl' says why. Restore the class or the package that it "
+            f"names and load the file again, or `del model.{CURVE_ATTRIBUTE}` to train from nothing"
         )
     return state
 
