@@ -1,4 +1,4 @@
-"""Adds the start-up file of the rl_zoo3 plug-in to the install; everything else is in setup.cfg."""
+"""Adds the start-up files of the rl_zoo3 plug-in to the install; everything else is in setup.cfg."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,29 +8,39 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 from setuptools.command.editable_wheel import editable_wheel
 
-NAME = "sb3_hucrl_zoo.pth"
+MODULE, HOOK = "sb3_hucrl_startup", "wait_for_rl_zoo3"
 SOURCE = Path(__file__).parent / "sb3_hucrl" / "zoo" / "startup.py"
+#: by their names, at the top of site-packages. From 3.15 on Python reads NAME.start and ignores the import in NAME.pth
+FILES = {
+    f"{MODULE}.py": SOURCE.read_text(),
+    # A line is executed if it begins with an import. This one needs no other file, whatever has been removed.
+    "sb3_hucrl_zoo.pth": f"import os; exec({SOURCE.read_text() + HOOK + '()'!r}, {{}})\n",
+    "sb3_hucrl_zoo.start": f"{MODULE}:{HOOK}\n",
+}
 
 
-def startup_line() -> str:
-    """Python executes a line of a .pth file if it begins with an import."""
-    return f"import os; exec({SOURCE.read_text()!r}, {{}})\n"
+def write_files(folder: Path) -> None:
+    """
+    :param folder: that becomes the top of site-packages
+    """
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
 
 
-class BuildWithStartupFile(build_py):
-    """Puts the start-up file beside the package, at the top of site-packages."""
+class BuildWithStartupFiles(build_py):
+    """Puts the start-up files beside the package."""
 
     def run(self) -> None:
         super().run()
         if not self.editable_mode:
-            Path(self.build_lib, NAME).write_text(startup_line())
+            write_files(Path(self.build_lib))
 
     def get_outputs(self, include_bytecode: bool = True) -> list[str]:
-        return [*super().get_outputs(include_bytecode), str(Path(self.build_lib, NAME))]
+        return [*super().get_outputs(include_bytecode), *(str(Path(self.build_lib, name)) for name in FILES)]
 
 
-class EditableWheelWithStartupFile(editable_wheel):
-    """An editable wheel holds no package files, so it is packed again with the start-up file in it."""
+class EditableWheelWithStartupFiles(editable_wheel):
+    """An editable wheel holds no package files, so it is packed again with the start-up files in it."""
 
     def run(self) -> None:
         super().run()
@@ -40,9 +50,9 @@ class EditableWheelWithStartupFile(editable_wheel):
         with TemporaryDirectory() as unpacked:
             with ZipFile(wheel) as archive:
                 archive.extractall(unpacked)
-            Path(unpacked, NAME).write_text(startup_line())
+            write_files(Path(unpacked))
             with WheelFile(wheel, "w") as repacked:
                 repacked.write_files(unpacked)
 
 
-setup(cmdclass={"build_py": BuildWithStartupFile, "editable_wheel": EditableWheelWithStartupFile})
+setup(cmdclass={"build_py": BuildWithStartupFiles, "editable_wheel": EditableWheelWithStartupFiles})

@@ -1,7 +1,8 @@
 """The start-up hook of the rl_zoo3 plug-in."""
 
-# setup.py turns this file into the one line of sb3_hucrl_zoo.pth, which Python runs at every start. So it imports
-# nothing that is not loaded by then, keeps to builtins, and never raises.
+# Python calls the hook at every start, so this file imports nothing that is not loaded by then, keeps to builtins, and
+# never raises. Up to 3.14 setup.py makes it the one line of sb3_hucrl_zoo.pth. From 3.15 on sb3_hucrl_zoo.start names
+# the hook (PEP 829), of a copy of this file beside the package: whoever imports the package imports PyTorch.
 import os
 import sys
 
@@ -20,7 +21,8 @@ class ZooFinder:
     ) -> "ModuleSpec | None":
         if name != "rl_zoo3.exp_manager":
             return None
-        sys.meta_path.remove(self)
+        # Another thread may have come first.
+        sys.meta_path[:] = [finder for finder in sys.meta_path if finder is not self]
         from importlib.util import find_spec
 
         spec = find_spec(name)
@@ -39,6 +41,9 @@ class ZooFinder:
         return spec
 
 
-# Where lib64 is a link to lib, Python reads every .pth file twice.
-if os.environ.get("SB3_HUCRL_ZOO") != "0" and "ZooFinder" not in [type(finder).__name__ for finder in sys.meta_path]:
-    sys.meta_path.insert(0, ZooFinder())
+def wait_for_rl_zoo3() -> None:
+    """Put the finder in place, unless it is there or ``SB3_HUCRL_ZOO=0`` turns it off."""
+    # Where lib64 is a link to lib, Python reads every start-up file twice.
+    waiting = "ZooFinder" in [type(finder).__name__ for finder in sys.meta_path]
+    if os.environ.get("SB3_HUCRL_ZOO") != "0" and not waiting:
+        sys.meta_path.insert(0, ZooFinder())
