@@ -137,6 +137,20 @@ def test_a_full_disk_leaves_the_last_checkpoint(tmp_path: Path, monkeypatch: pyt
     assert not list(tmp_path.glob("*.partial"))
 
 
+def test_a_disk_too_full_for_the_previous_one_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*args: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "checkpoint.zip"
+    model = train(path)
+    before = path.read_bytes()
+    for function in ("os.link", "shutil.copyfile"):
+        monkeypatch.setattr(function, full)
+    with pytest.raises(OSError, match=r"checkpoint\.zip cannot be written .*No space.* as it was before: make room"):
+        train(path, model=model)
+    assert path.read_bytes() == before
+
+
 def test_a_folder_that_cannot_be_written_is_found_before_the_first_real_step(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     env = imagination_env(max_episode_steps=40)

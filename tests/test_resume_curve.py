@@ -19,6 +19,7 @@ import sb3_hucrl.zoo  # noqa: F401  # for its effect
 from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HUCRLCallback, plot_run
 from sb3_hucrl.sb3 import saved_curve
+from sb3_hucrl.sb3.curve import carried_curve
 from sb3_hucrl.zoo.runs import ZooRun
 
 DATA = Path(__file__).parent / "data"
@@ -211,6 +212,14 @@ def test_without_a_folder_the_zip_has_the_curve_all_the_same(tmp_path: Path) -> 
     assert curve is not None
     assert [row["real/episode"] for row in curve["progress"]] == [1, 2]
     assert [row["l"] for row in curve["monitor"]] == [40, 40]
+
+
+def test_an_episode_that_was_noted_and_not_stored_is_not_in_the_curve() -> None:
+    model = small_sac(imagination_env(max_episode_steps=40)).learn(80, callback=small_callback())
+    rows = carried_curve(model)["monitor"]
+    kept = [*rows]
+    rows.append({"r": 1.0, "l": 40, "t": 1_000.0})
+    assert carried_curve(model)["monitor"] == kept
 
 
 class EndsBetweenEpisodes(HUCRLCallback):

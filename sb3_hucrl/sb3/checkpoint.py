@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -19,9 +21,14 @@ def save_atomically(model: BaseAlgorithm, path: str | Path) -> None:
     :param path: of the zip file, which is replaced in one step
     :raises OSError: if it cannot be written; what was there is left as it was
     """
+    with _explained(path), replacing(Path(path)) as file:
+        model.save(file)
+
+
+@contextmanager
+def _explained(path: str | Path) -> Iterator[None]:
     try:
-        with replacing(Path(path)) as file:
-            model.save(file)
+        yield
     except OSError as error:
         raise OSError(
             f"{path} cannot be written ({error}), and is as it was before: make room or choose another folder, and go "
@@ -73,11 +80,10 @@ class Checkpoint:
         path = self._path
         if path is None:
             return
-        if self._kept is not None:
-            keep_as(path, self._kept)
+        if path.is_file():
+            with _explained(path):
+                keep_as(path, self._kept or previous_path(path))
             self._kept = None
-        elif path.is_file():
-            keep_as(path, previous_path(path))
         save_atomically(self._model, path)
 
     def end(self) -> None:

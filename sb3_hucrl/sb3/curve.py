@@ -89,6 +89,9 @@ def _whole(curve: Curve | None, state: HUCRLState | None) -> Curve:
     if state is None or len(whole["monitor"]) == state.real_episodes:
         return whole
     lengths = state.dataset.lengths
+    if [row["l"] for row in whole["monitor"][: len(lengths)]] == lengths:
+        # An interruption came between the end of a real episode, which Monitor noted, and its storing.
+        return Curve(progress=whole["progress"], monitor=whole["monitor"][: len(lengths)])
     returns = [float(episode.rewards.double().sum()) for episode in state.dataset.episodes]
     seen = zip(accumulate(lengths), returns, strict=True)
     return Curve(

@@ -57,7 +57,8 @@ def make_loop(
     if carried is None:
         attach_state(model, loop.state)
     elif verbose > 0:
-        print(f"Resuming with {carried.real_episodes} real episodes, {len(carried.dataset)} real steps")
+        kept = f"{carried.real_episodes} real episodes, {len(carried.dataset)} real steps"
+        print(f"Resuming with {kept}; what follows differs from a run that was not interrupted")
     return loop
 
 
