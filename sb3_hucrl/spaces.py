@@ -12,7 +12,7 @@ def require_bounded_box(action_space: spaces.Space[Any]) -> spaces.Box:
     """
     :param action_space: of the real environment, with or without a′
     :return: the same space
-    :raises ValueError: unless it is a finite, one-dimensional Box
+    :raises ValueError: unless it is a one-dimensional Box of floats with finite limits, low below high
     """
     if not isinstance(action_space, spaces.Box):
         raise ValueError(
@@ -20,12 +20,23 @@ def require_bounded_box(action_space: spaces.Space[Any]) -> spaces.Box:
             "choose an environment that has them, such as MountainCarContinuous-v0 in place of MountainCar-v0, or an "
             "algorithm without a model"
         )
-    if len(action_space.shape) != 1:
-        raise ValueError(f"the action space has shape {action_space.shape}: flatten it to one dimension")
+    if len(action_space.shape) != 1 or not np.issubdtype(action_space.dtype, np.floating):
+        raise ValueError(
+            f"the action space has shape {action_space.shape} and dtype {action_space.dtype}: hallucination needs a "
+            "vector of floats; wrap the environment in gymnasium.wrappers.TransformAction, with "
+            "lambda a: a.reshape(shape) and a one-dimensional Box of floats"
+        )
     if not action_space.is_bounded():
         raise ValueError(
-            f"the action space {action_space} is unbounded: give it finite limits, "
-            "for example with gymnasium.wrappers.RescaleAction or ClipAction around a bounded Box"
+            f"the action space {action_space} is unbounded: give all actions finite limits where it is made, or with "
+            "gymnasium.wrappers.TransformAction, a bounded Box and lambda a: a (limits that ClipAction hides are found "
+            "by HallucinationWrapper around it)"
+        )
+    empty = np.flatnonzero(~(action_space.low < action_space.high)).tolist()
+    if empty:
+        raise ValueError(
+            f"the action space {action_space} has low = high in dimensions {empty}: a policy cannot choose there; "
+            "leave them out, with gymnasium.wrappers.TransformAction around the environment"
         )
     return action_space
 
@@ -39,13 +50,20 @@ def require_vector_observation(observation_space: spaces.Space[Any]) -> spaces.B
     if not isinstance(observation_space, spaces.Box):
         raise ValueError(
             f"the observation space is {observation_space}: a dynamics model needs a vector of floats; "
-            "wrap the environment with gymnasium.wrappers.FlattenObservation, and register that under its own id "
+            "wrap the environment with gymnasium.wrappers.FlattenObservation, and in DtypeObservation(env, np.float32) "
+            "if its values are integers, and register that under its own id "
             "(if it has a desired_goal, give task='sb3_hucrl.tasks.GoalTask' with task_kwargs)"
         )
-    if len(observation_space.shape) != 1 or not np.issubdtype(observation_space.dtype, np.floating):
+    found = f"the observation space has shape {observation_space.shape} and dtype {observation_space.dtype}"
+    if len(observation_space.shape) != 1:
         raise ValueError(
-            f"the observation space has shape {observation_space.shape} and dtype {observation_space.dtype}: a "
-            "dynamics model needs a vector of floats; images are not supported, expose the state instead"
+            f"{found}: a dynamics model needs a vector of floats; images are not supported, expose the state instead; "
+            "wrap small matrices with gymnasium.wrappers.FlattenObservation"
+        )
+    if not np.issubdtype(observation_space.dtype, np.floating):
+        raise ValueError(
+            f"{found}: a dynamics model needs a vector of floats; wrap the environment with "
+            "gymnasium.wrappers.DtypeObservation(env, np.float32)"
         )
     return observation_space
 

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_hucrl import ImaginationVecEnv, Optimistic, ProbabilisticEnsemble, StartStates, TransitionDataset, World
 from sb3_hucrl.imagination import Limits
-from sb3_hucrl.loop import RealSystems, Round
+from sb3_hucrl.loop import ModelSettings, Problem, RealSystems, Round
 from sb3_hucrl.spaces import require_bounded_box
 from sb3_hucrl.tasks import PendulumTask
 
@@ -39,7 +39,8 @@ def time_per_step(num_envs: int, horizon: int, slices: int, slice_seconds: float
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
     real = gym.make(ENV_ID)
-    [episode] = Round(RealSystems([real]), task, 1).play(lambda *_: rng.uniform(-1, 1, (1, 3)).astype(np.float32))
+    problem = Problem.from_env(real, ModelSettings(task=task))
+    [episode] = Round(RealSystems([real]), problem).play(lambda *_: rng.uniform(-1, 1, (1, 3)).astype(np.float32))
     dataset.append_episode(episode)
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))

@@ -18,7 +18,7 @@ from gymnasium import spaces
 
 from sb3_hucrl import Optimistic, ProbabilisticEnsemble, StartStates, TransitionDataset, World
 from sb3_hucrl.imagination import Limits
-from sb3_hucrl.loop import RealSystems, Round
+from sb3_hucrl.loop import ModelSettings, Problem, RealSystems, Round
 from sb3_hucrl.planning import ActionSequence, Bounds, ImaginedReturns, PlanningProblem
 from sb3_hucrl.tasks import PendulumTask
 
@@ -28,7 +28,8 @@ def objective(horizon: int) -> ImaginedReturns:
     task, dataset = PendulumTask(), TransitionDataset(2, 1)
     rng = np.random.default_rng(0)
     real = gym.make("HUCRL-Pendulum-v0")
-    [episode] = Round(RealSystems([real]), task, 1).play(lambda *_: rng.uniform(-1, 1, (1, 3)).astype(np.float32))
+    known = Problem.from_env(real, ModelSettings(task=task))
+    [episode] = Round(RealSystems([real]), known).play(lambda *_: rng.uniform(-1, 1, (1, 3)).astype(np.float32))
     dataset.append_episode(episode)
     model = ProbabilisticEnsemble(2, 1, task.angle_dims, generator=th.Generator().manual_seed(0))
     model.fit(dataset, th.Generator().manual_seed(0))

@@ -23,7 +23,7 @@ from sb3_hucrl.dynamics import LEARNED, make_dynamics
 from sb3_hucrl.dynamics.calibration import calibration_error, reliability
 from sb3_hucrl.dynamics.delta import DeltaModel
 from sb3_hucrl.imagination import Array, BatchActor
-from sb3_hucrl.loop import RealSystems, Round
+from sb3_hucrl.loop import ModelSettings, Problem, RealSystems, Round
 from sb3_hucrl.plots import reliability_figure
 from sb3_hucrl.tasks import PendulumTask
 
@@ -44,7 +44,8 @@ def random_torques(rng: np.random.Generator, hold: int) -> BatchActor:
 
 def collect(env: gym.Env[Any, Any], episodes: int, rng: np.random.Generator) -> list[Transitions]:
     """Play real episodes with these torques."""
-    rounds = [Round(RealSystems([env]), PendulumTask(), action_dim=1) for _ in range(episodes)]
+    problem = Problem.from_env(env, ModelSettings(task=PendulumTask()))
+    rounds = [Round(RealSystems([env]), problem) for _ in range(episodes)]
     return [episode for each in rounds for episode in each.play(random_torques(rng, hold=40))]
 
 

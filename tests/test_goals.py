@@ -59,11 +59,13 @@ def _known_environment() -> None:
         gym.register(ENV_ID, entry_point=lambda **kwargs: Slide(**kwargs), max_episode_steps=30)
 
 
-def slides(hallucinated_dim: int | None) -> ImaginationVecEnv:
+def slides(hallucinated_dim: int | None, reward_type: str = "sparse") -> ImaginationVecEnv:
     def wrapped(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
         return HallucinationWrapper(FlattenObservation(env), hallucinated_dim)
 
-    return ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, wrapper_class=wrapped))
+    return ImaginationVecEnv(
+        make_vec_env(ENV_ID, 4, seed=0, wrapper_class=wrapped, env_kwargs={"reward_type": reward_type})
+    )
 
 
 PART: dict[str, Any] = {"goal_dim": 2, "observation_dim": 4, "achieved_dims": [2, 3], "threshold": 0.15}
@@ -93,7 +95,7 @@ def test_the_task_reads_and_pays_what_the_environment_does(sizes: dict[str, Any]
 @pytest.mark.parametrize(("sizes", "room"), [(PART, 4), (APART, 6)])
 def test_training_carries_the_goals_of_real_episodes(sizes: dict[str, Any], room: int) -> None:
     goals: list[np.ndarray] = []
-    env = slides(room)
+    env = slides(room, "dense")
     step_wait = env.step_wait
 
     def spy() -> Any:

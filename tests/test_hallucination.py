@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as gymnasium_check_env
-from gymnasium.wrappers import TransformObservation
+from gymnasium.wrappers import DtypeObservation, FlattenObservation, TransformAction, TransformObservation
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from helpers import ENV_ID
@@ -56,8 +56,13 @@ VECTOR, TORQUE = spaces.Box(-1, 1, (3,)), spaces.Box(-1, 1, (1,))
     ("observation_space", "action_space", "message"),
     [
         (VECTOR, spaces.Discrete(2), r"action space is Discrete\(2\).* needs continuous actions"),
-        (VECTOR, spaces.Box(-np.inf, np.inf, (1,)), "is unbounded: give it finite limits"),
-        (VECTOR, spaces.Box(-1, 1, (2, 2)), r"shape \(2, 2\): flatten it"),
+        (VECTOR, spaces.Box(-np.inf, np.inf, (1,)), "is unbounded: give all actions finite limits"),
+        (VECTOR, spaces.Box(-1, 1, (2, 2)), r"shape \(2, 2\) .*TransformAction"),
+        (VECTOR, spaces.Box(np.array([-1, 0]), np.array([1, np.inf])), "is unbounded"),
+        (VECTOR, spaces.Box(np.array([-1, 3]), np.array([1, 3])), r"low = high in dimensions \[1\]"),
+        (VECTOR, spaces.Box(0, 9, (1,), dtype=np.int64), r"dtype int64.*TransformAction"),
+        (spaces.Box(0, 9, (2,), dtype=np.int64), TORQUE, r"DtypeObservation\(env, np.float32\)"),
+        (spaces.Box(-1, 1, (2, 2)), TORQUE, "small matrices with gymnasium.wrappers.FlattenObservation"),
         (spaces.Discrete(4), TORQUE, r"observation space is Discrete\(4\)"),
         (spaces.Dict(position=VECTOR), TORQUE, "FlattenObservation"),
         (spaces.Box(0, 255, (64, 64, 3), dtype=np.uint8), TORQUE, "images are not supported"),
@@ -76,3 +81,21 @@ def test_wraps_environments_that_are_wrapped_already() -> None:
     assert env.action_space.shape == (3,)
     assert env.spec is not None
     assert env.spec.id == "Pendulum-v1"
+
+
+def test_the_advice_for_other_spaces_leads_to_an_accepted_environment() -> None:
+    one_hot = DtypeObservation(FlattenObservation(OddSpaces(spaces.Discrete(4), TORQUE)), np.float32)
+    assert HallucinationWrapper(one_hot).hallucinated_dim == 4
+    flat = spaces.Box(-1, 1, (4,))
+    grid = TransformAction(OddSpaces(VECTOR, spaces.Box(-1, 1, (2, 2))), lambda a: a.reshape(2, 2), flat)
+    assert HallucinationWrapper(grid).action_space.shape == (7,)
+    matrix = OddSpaces(spaces.Box(-1, 1, (2, 2)), TORQUE)
+    assert HallucinationWrapper(FlattenObservation(matrix)).hallucinated_dim == 4
+
+
+@pytest.mark.parametrize("shape", [(1,), (2,), (5,), (1, 4), ()])
+def test_an_action_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+    env = HallucinationWrapper(gym.make("Pendulum-v1"), 3)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"the action has shape .*give 1 real values and 3 hallucinated ones"):
+        env.step(np.zeros(shape, dtype=np.float32))

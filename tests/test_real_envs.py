@@ -26,7 +26,7 @@ from helpers import imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, ImaginationVecEnv, Transitions
 from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.imagination import Array
-from sb3_hucrl.loop import ParallelSystems, RealSystem, RealSystems, Round
+from sb3_hucrl.loop import ParallelSystems, Problem, RealSystem, RealSystems, Round
 from sb3_hucrl.sb3 import real_systems
 from sb3_hucrl.tasks import LearnedTask
 
@@ -72,6 +72,10 @@ def make_walk(number: int, folder: Path | None = None, **kwargs: Any) -> gym.Env
 
 def walks(n: int = 4, kind: Callable[[Any], VecEnv] = DummyVecEnv, **kwargs: Any) -> ImaginationVecEnv:
     return ImaginationVecEnv(kind([partial(make_walk, number, **kwargs) for number in range(n)]))
+
+
+def walk_problem() -> Problem:
+    return Problem(LearnedTask(2), Walk.observation_space, Walk.action_space, action_dim=1, episode_length=50)
 
 
 def learned(model: BaseAlgorithm) -> list[Transitions]:
@@ -201,7 +205,7 @@ def test_an_error_in_a_process_takes_nothing_from_the_others() -> None:
     slow = Slow(1)
     systems = ParallelSystems([Dead(0), slow])
     with pytest.raises(EOFError):
-        Round(systems, LearnedTask(2), 1).play(uniform(np.random.default_rng(0)))
+        Round(systems, walk_problem()).play(uniform(np.random.default_rng(0)))
     # Its answer was waited for.
     assert slow.taken == 1
 
@@ -219,7 +223,7 @@ def uniform(rng: np.random.Generator, calls: list[tuple[Array, list[bool]]] | No
 def test_all_environments_are_acted_for_at_once(kind: Callable[[Sequence[RealSystem]], RealSystems]) -> None:
     copies = [Walk(number, length) for number, length in enumerate((6, 2, 4))]
     calls: list[tuple[Array, list[bool]]] = []
-    episodes = Round(kind(copies), LearnedTask(2), 1).play(uniform(np.random.default_rng(0), calls))
+    episodes = Round(kind(copies), walk_problem()).play(uniform(np.random.default_rng(0), calls))
     # Once for each step of the longest episode, and for a batch that keeps its size.
     assert [first for _, first in calls] == [[True] * 3] + [[False] * 3] * 5
     assert [copy.taken for copy in copies] == [len(episode) for episode in episodes] == [6, 2, 4]
@@ -244,7 +248,7 @@ class Meeting(Walk):
 def test_parallel_systems_are_called_at_the_same_time() -> None:
     barrier = threading.Barrier(3, timeout=30)
     copies = [Meeting(number, lambda number: barrier.wait()) for number in range(3)]
-    episodes = Round(ParallelSystems(copies), LearnedTask(2), 1).play(uniform(np.random.default_rng(0)))
+    episodes = Round(ParallelSystems(copies), walk_problem()).play(uniform(np.random.default_rng(0)))
     assert [len(episode) for episode in episodes] == [3, 3, 3]
 
 
@@ -262,7 +266,7 @@ def meet_in(folder: Path, n: int, number: int) -> None:
 @pytest.mark.slow
 def test_the_processes_of_a_vec_env_work_at_the_same_time(tmp_path: Path) -> None:
     venv = SubprocVecEnv([partial(Meeting, number, partial(meet_in, tmp_path, 3)) for number in range(3)])
-    episodes = Round(real_systems(venv), LearnedTask(2), 1).play(uniform(np.random.default_rng(0)))
+    episodes = Round(real_systems(venv), walk_problem()).play(uniform(np.random.default_rng(0)))
     venv.close()
     assert numbers(episodes) == [0, 1, 2]
 
@@ -272,7 +276,7 @@ def test_what_lives_in_this_process_is_called_in_its_own_thread() -> None:
     venv = DummyVecEnv(
         [partial(Meeting, number, lambda number: threads.add(threading.get_ident())) for number in range(3)]
     )
-    Round(real_systems(venv), LearnedTask(2), 1).play(uniform(np.random.default_rng(0)))
+    Round(real_systems(venv), walk_problem()).play(uniform(np.random.default_rng(0)))
     assert threads == {threading.get_ident()}
 
 

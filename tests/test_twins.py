@@ -200,7 +200,7 @@ def test_a_task_of_its_own_goes_before_that_of_the_original() -> None:
         ("HUCRL-CartPole-v1", "there is no HUCRL-CartPole-v1: the action space is Discrete.*choose"),
         ("HUCRL-Blackjack-v1", "the observation space is Tuple.*FlattenObservation"),
         ("HUCRL-CarRacing-v3", "images are not supported, expose the state"),
-        ("HUCRL-Unbounded-v0", "unbounded: give it finite limits"),
+        ("HUCRL-Unbounded-v0", "unbounded: give all actions finite limits"),
     ],
 )
 def test_other_spaces_are_refused_by_one_error(env_id: str, message: str) -> None:

@@ -7,7 +7,9 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
+from gymnasium.wrappers import ClipAction
 
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation, widen
 from sb3_hucrl.tasks.registry import find_task
@@ -18,7 +20,7 @@ Array = npt.NDArray[np.float32]
 class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
     Extends the action from a to (a, a′). ``step`` passes only a to the real environment and stores a′ in
-    ``info["hallucinated_action"]``.
+    ``info["hallucinated_action"]``. The limits of a are those of the environment, also where ClipAction hides them.
 
     :param env: environment with continuous actions and vector observations
     :param hallucinated_dim: number of dimensions of a′; by default that of the environment's registered task, or the
@@ -30,7 +32,7 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
         RecordConstructorArgs.__init__(self, hallucinated_dim=hallucinated_dim)
         super().__init__(env)
         observation_space = require_vector_observation(env.observation_space)
-        action_space = require_bounded_box(env.action_space)
+        action_space = require_bounded_box(_limits(env))
         if hallucinated_dim is None:
             task = find_task(env.unwrapped.spec, observation_space.shape[0])
             hallucinated_dim = observation_space.shape[0] if task is None else task.hallucinated_dim
@@ -39,6 +41,19 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
         self.action_space = widen(action_space, hallucinated_dim)
 
     def step(self, action: Array) -> tuple[Array, SupportsFloat, bool, bool, dict[str, Any]]:
+        if np.shape(action) != self.action_space.shape:
+            raise ValueError(
+                f"the action has shape {np.shape(action)}: give {self._real_dim} real values and "
+                f"{self.hallucinated_dim} hallucinated ones, shape {self.action_space.shape}; a policy without "
+                "hallucinated actions belongs into the environment without HallucinationWrapper (hallucinate=False)"
+            )
         observation, reward, terminated, truncated, info = self.env.step(action[: self._real_dim])
         info["hallucinated_action"] = action[self._real_dim :]
         return observation, reward, terminated, truncated, info
+
+
+def _limits(env: gym.Env[Any, Any]) -> spaces.Space[Any]:
+    inner = env
+    while isinstance(inner, gym.Wrapper) and not isinstance(inner, gym.ActionWrapper):
+        inner = inner.env
+    return inner.env.action_space if isinstance(inner, ClipAction) else env.action_space

@@ -7,12 +7,17 @@ from typing import Any, SupportsFloat
 import numpy as np
 import numpy.typing as npt
 import torch as th
+from gymnasium import spaces
 
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination import Array, BatchActor
+from sb3_hucrl.loop.problem import Problem
+from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.systems import Outcome, RealSystems
 from sb3_hucrl.progress import progress_bar
-from sb3_hucrl.tasks.base import Task
+
+#: how far beyond its limits an action may lie, as a fraction of their distance
+ACTION_ROUNDING = 1e-5
 
 
 class Round:
@@ -21,15 +26,21 @@ class Round:
     copy whose episode is over is left alone until the last one is over too.
 
     :param systems: copies of the real system
-    :param task: maps observations to states
-    :param action_dim: q; the hallucinated part a′ that follows in an action is not stored
+    :param problem: the hallucinated part a′ of its actions is not stored
     :param num_episodes: played in as many copies, the first ones; None for all
+    :param reality: compares the task with each episode that is over; None for no comparison
     """
 
-    def __init__(self, systems: RealSystems, task: Task, action_dim: int, num_episodes: int | None = None) -> None:
+    def __init__(
+        self,
+        systems: RealSystems,
+        problem: Problem,
+        num_episodes: int | None = None,
+        reality: Reality | None = None,
+    ) -> None:
         count = len(systems) if num_episodes is None else num_episodes
-        self._systems = systems
-        self._episodes = [_Episode(index, task, action_dim) for index in range(count)]
+        self._systems, self._action_space = systems, problem.action_space
+        self._episodes = [_Episode(index, problem, reality) for index in range(count)]
 
     def play(self, act: BatchActor) -> list[Transitions]:
         """
@@ -38,7 +49,8 @@ class Round:
         :param act: chooses the actions of all copies, once for each step. The batch keeps its size, because recurrent
             policies and planners remember something for each row; actions for an episode that is over are dropped
         :return: the episodes, in the order of the copies
-        :raises ValueError: if an observation or a reward is not finite
+        :raises ValueError: if an observation, a reward or an action is not finite or of another shape, an action lies
+            beyond its limits, or the task disagrees with what happened
         """
         episodes = self._episodes
         for episode, observation in zip(episodes, self._systems.reset(range(len(episodes))), strict=True):
@@ -47,6 +59,7 @@ class Round:
         with progress_bar(None, "real episode") as bar:
             while running := [index for index, episode in enumerate(episodes) if episode.transitions is None]:
                 actions = act(np.stack([episode.observation for episode in episodes]), first)
+                _require_actions(actions, len(episodes), self._action_space)
                 outcomes = self._systems.step(running, actions[running])
                 for index, outcome in zip(running, outcomes, strict=True):
                     episodes[index].record(actions[index], outcome)
@@ -65,8 +78,8 @@ class Round:
 class _Episode:
     """One of them, as far as it has been played."""
 
-    def __init__(self, index: int, task: Task, action_dim: int) -> None:
-        self._index, self._task, self._action_dim = index, task, action_dim
+    def __init__(self, index: int, problem: Problem, reality: Reality | None) -> None:
+        self._index, self._problem, self._reality = index, problem, reality
         self._observations: list[Array] = []
         self._actions: list[Array] = []
         self._rewards: list[float] = []
@@ -80,34 +93,66 @@ class _Episode:
 
     def record(self, action: Array, outcome: Outcome) -> None:
         observation, reward, terminated, truncated, _ = outcome
-        self._actions.append(action[: self._action_dim])
-        self._rewards.append(float(self._finite("reward", reward)))
+        self._actions.append(action[: self._problem.action_dim])
+        self._rewards.append(self._number("reward", reward))
         self._observe(observation)
         if terminated or truncated:
             self.transitions = self._finish(bool(terminated))
 
     def _finish(self, terminated: bool) -> Transitions:
-        states = self._task.state(th.as_tensor(np.stack(self._observations), dtype=th.float32))
+        task, observations = self._problem.task, th.as_tensor(np.stack(self._observations), dtype=th.float32)
+        states = task.state(observations)
         ends = th.zeros(len(self._actions), dtype=th.bool)
         ends[-1] = terminated
         rewards = th.tensor(self._rewards, dtype=th.float32)
-        return Transitions(
+        transitions = Transitions(
             states=states[:-1],
             actions=th.as_tensor(np.stack(self._actions), dtype=th.float32),
-            next_states=self._task.record_outcomes(states[1:], rewards, ends),
+            next_states=task.record_outcomes(states[1:], rewards, ends),
             rewards=rewards,
             terminated=ends,
         )
+        if self._reality is not None:
+            self._reality.check(observations, transitions)
+        return transitions
 
     def _observe(self, observation: Any) -> None:
         self.observation = observation
-        self._observations.append(self._finite("observation", observation))
+        space = self._problem.observation_space
+        self._observations.append(self._finite("observation", observation, space.shape, "as the observation space"))
 
-    def _finite(self, name: str, value: npt.ArrayLike | SupportsFloat) -> npt.NDArray[np.floating[Any]]:
+    def _number(self, name: str, value: SupportsFloat) -> float:
+        # Environments compute rewards from arrays, so that some have shape (1,).
+        return float(self._finite(name, np.asarray(value, dtype=np.float32).reshape(-1), (1,), "one number")[0])
+
+    def _finite(
+        self, name: str, value: npt.ArrayLike, shape: tuple[int, ...], meaning: str
+    ) -> npt.NDArray[np.floating[Any]]:
         array = np.asarray(value, dtype=np.float32)
+        where = f"at step {len(self._actions)} (environment {self._index})"
+        if array.shape != shape:
+            raise ValueError(
+                f"the real environment returned {name} of shape {array.shape} {where}: it must have shape {shape}, "
+                f"{meaning}"
+            )
         if not np.isfinite(array).all():
             raise ValueError(
-                f"the real environment returned {name} {array.tolist()} at step {len(self._actions)} (environment "
-                f"{self._index}): it must be finite"
+                f"the real environment returned {name} {array.tolist()} {where}: it must be finite; correct it there"
             )
         return array
+
+
+def _require_actions(actions: Array, count: int, space: spaces.Box) -> None:
+    if actions.shape != (count, *space.shape):
+        raise ValueError(
+            f"the actions have shape {actions.shape}: {count} environments with actions {space} need "
+            f"{(count, *space.shape)}"
+        )
+    slack = ACTION_ROUNDING * (space.high - space.low)
+    wrong = ~((space.low - slack <= actions) & (actions <= space.high + slack)).all(axis=1)
+    if wrong.any():
+        action = actions[int(np.argmax(wrong))].tolist()
+        raise ValueError(
+            f"the action of a real step is {action}: it must lie from {space.low.tolist()} to {space.high.tolist()}; "
+            "clip it, or if it is not finite, lower the learning rate of the policy, which has diverged"
+        )

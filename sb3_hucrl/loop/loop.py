@@ -27,6 +27,7 @@ from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.problem import Problem
+from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.report import Report
 from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.loop.search import Search
@@ -82,6 +83,7 @@ class Loop:
         self._systems = real if isinstance(real, RealSystems) else RealSystems([real])
         self._require_enough_systems()
         self._on_episode, self._on_refit = on_episode, on_refit
+        self._reality = Reality(problem)
         self.state = self._fresh_state(seed) if state is None else state
         self._require_same_dimensions()
         replaced = follow_settings(self.state, settings.model, problem.task)
@@ -267,9 +269,10 @@ class Loop:
 
         :param act: chooses the actions, of a batch of ``real_envs``
         :return: the episodes, in the order of the environments
+        :raises ValueError: if the environment gives what it must not, or something else than the task says
         """
         started = time.perf_counter()
-        playing = Round(self._systems, self.problem.task, self.problem.action_dim, self.settings.real.real_envs)
+        playing = Round(self._systems, self.problem, self.settings.real.real_envs, self._reality)
         try:
             return playing.play(act)
         finally:

@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecCheckNan, VecEnv,
 
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop import ModelSettings, ParallelSystems, Problem, RealSystems
+from sb3_hucrl.loop.problem import TIME_LIMIT
 from sb3_hucrl.wrappers.imagination import ImaginationVecEnv, imagination_layer
 
 #: wrappers above ImaginationVecEnv that real episodes may do without, or that the algorithm itself applies
@@ -85,6 +86,10 @@ def read_problem(venv: VecEnv, settings: ModelSettings) -> Problem:
     :raises ValueError: as :meth:`sb3_hucrl.loop.Problem.from_spaces`
     """
     spec: EnvSpec | None = venv.get_attr("spec", indices=0)[0]
-    name = "hallucinated_dim"
-    hallucinated_dim = int(venv.get_attr(name, indices=0)[0]) if venv.has_attr(name) else 0
-    return Problem.from_spaces(spec, venv.observation_space, venv.action_space, hallucinated_dim, settings)
+    hallucinated_dim, time_limit = (
+        int(venv.get_attr(name, indices=0)[0]) if venv.has_attr(name) else None
+        for name in ("hallucinated_dim", TIME_LIMIT)
+    )
+    return Problem.from_spaces(
+        spec, venv.observation_space, venv.action_space, hallucinated_dim or 0, settings, time_limit
+    )
