@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 
@@ -82,3 +83,17 @@ def widen(action_space: spaces.Box, hallucinated_dim: int) -> spaces.Box:
         np.concatenate([action_space.high, ones]),
         dtype=action_space.low.dtype.type,
     )
+
+
+def require_action(action: npt.ArrayLike, action_space: spaces.Space[Any]) -> None:
+    """
+    :param action: of a step
+    :param action_space: of the environment that takes it
+    :raises ValueError: if it has another shape, which numpy might stretch or cut to fit
+    """
+    if np.shape(action) != action_space.shape:
+        raise ValueError(
+            f"the action has shape {np.shape(action)}: this environment takes {action_space.shape}; if it comes from a "
+            "policy, make the environment with the same hallucinate, hallucinated_dim and HallucinationWrapper as for "
+            "its training"
+        )

@@ -21,6 +21,7 @@ from sb3_hucrl import (
     World,
 )
 from sb3_hucrl.imagination import Array, Limits, Trajectories, imagine_episode, imagined_return
+from sb3_hucrl.imagination.finite import first_not_finite
 from sb3_hucrl.tasks import PendulumTask
 
 
@@ -205,8 +206,38 @@ def test_divergence_names_variable_step_and_trajectory() -> None:
     imagination.reset()
     imagination.step(np.zeros((2, 1), dtype=np.float32))
     model.bias = float("nan")
-    with pytest.raises(ValueError, match=r"imagined observation is .* at step 2 of trajectory 0"):
+    with pytest.raises(
+        ValueError, match=r"imagined observation\[0\] is nan \(3 of 3 values\) at step 2 of trajectory 0: the d"
+    ):
         imagination.step(np.zeros((2, 1), dtype=np.float32))
+
+
+def test_what_a_task_makes_of_a_finite_state_is_no_divergence() -> None:
+    class Root(PendulumTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return (next_state[:, 1] - 100.0).sqrt()
+
+    class Blind(PendulumTask):
+        def observe(self, state: th.Tensor) -> th.Tensor:
+            return super().observe(state) / 0.0
+
+    for task, message in (
+        (Root(), r"imagined reward is nan at step 1 of trajectory 0, .*: Root.reward must give finite values"),
+        (Blind(), r"imagined observation\[\d\] is .*: Blind.observe must give finite values"),
+    ):
+        trajectories = small_world(strategy=Greedy(), task=task).trajectories(2)
+        trajectories.reset()
+        with pytest.raises(ValueError, match=message):
+            trajectories.step(np.zeros((2, 1), dtype=np.float32))
+
+
+def test_a_divergence_of_hundreds_of_values_is_one_short_line() -> None:
+    values = np.full(348, np.nan)
+    assert first_not_finite("observation", values) == "observation[0] is nan (348 of 348 values)"
+    values[:5], values[7] = 0.0, np.inf
+    assert first_not_finite("observation", values) == "observation[5] is nan (343 of 348 values)"
+    assert first_not_finite("reward", np.array(np.inf)) == "reward is inf"
+    assert first_not_finite("reward", np.zeros(3)) is None
 
 
 def test_start_states_come_in_the_asked_proportions() -> None:

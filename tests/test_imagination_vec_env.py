@@ -14,7 +14,15 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecFrameStack, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecCheckNan,
+    VecEnv,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+)
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs
 
 from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, random_actions, small_world
@@ -178,12 +186,38 @@ def test_a_world_of_other_actions_is_refused() -> None:
         imagination_env().imagine(small_world(bound=2.0))
 
 
-@pytest.mark.parametrize("wrapper", [VecNormalize, VecMonitor, lambda venv: VecFrameStack(venv, 2)])
+@pytest.mark.parametrize(
+    ("wrap", "message"),
+    [
+        (VecNormalize, r"bypass it: put it around, VecNormalize\(ImaginationVecEnv\(vec_env\)\)"),
+        (VecMonitor, "bypass it: leave it out"),
+        (lambda venv: VecFrameStack(venv, 2), r"bypass it: .*FlattenObservation\(FrameStackObservation\(env, 4\)\)"),
+        (VecCheckNan, "bypass it: use a gymnasium wrapper around each"),
+    ],
+)
 def test_vec_env_wrappers_inside_which_real_episodes_would_bypass_are_refused(
-    wrapper: Callable[[VecEnv], VecEnv],
+    wrap: Callable[[VecEnv], VecEnv], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=r"real episodes bypass it: use gymnasium wrappers .* VecNormalize\(Imag"):
-        ImaginationVecEnv(wrapper(make_vec_env(ENV_ID, 2)))
+    venv = make_vec_env(ENV_ID, 2)
+    with pytest.raises(ValueError, match=message):
+        ImaginationVecEnv(wrap(venv))
+
+
+def test_a_single_environment_is_refused_with_advice() -> None:
+    with pytest.raises(TypeError, match=r"venv is a \w+, not a vectorised environment: .*make_vec_env"):
+        ImaginationVecEnv(gym.make(ENV_ID))  # type: ignore[arg-type]  # what is refused
+
+
+@pytest.mark.parametrize("shape", [(4, 1), (4, 4), (2, 1, 3), (1, 1)])
+def test_actions_that_numpy_would_stretch_are_refused(shape: tuple[int, ...]) -> None:
+    env = dreaming()
+    env.reset()
+    with pytest.raises(ValueError, match=r"the actions have shape .*: 4 environments take \(4, 3\)"):
+        env.step(np.zeros(shape, dtype=np.float32))
+    single = learned_model_env()
+    single.reset(seed=0)
+    with pytest.raises(ValueError, match="the action has shape"):
+        single.step(np.zeros(shape, dtype=np.float32)[0])
 
 
 def test_a_training_without_the_callback_is_warned_once() -> None:

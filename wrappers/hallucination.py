@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import ClipAction
 
-from sb3_hucrl.spaces import require_bounded_box, require_vector_observation, widen
+from sb3_hucrl.spaces import require_action, require_bounded_box, require_vector_observation, widen
 from sb3_hucrl.tasks.registry import find_task
 
 Array = npt.NDArray[np.float32]
@@ -41,12 +41,7 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
         self.action_space = widen(action_space, hallucinated_dim)
 
     def step(self, action: Array) -> tuple[Array, SupportsFloat, bool, bool, dict[str, Any]]:
-        if np.shape(action) != self.action_space.shape:
-            raise ValueError(
-                f"the action has shape {np.shape(action)}: give {self._real_dim} real values and "
-                f"{self.hallucinated_dim} hallucinated ones, shape {self.action_space.shape}; a policy without "
-                "hallucinated actions belongs into the environment without HallucinationWrapper (hallucinate=False)"
-            )
+        require_action(action, self.action_space)
         observation, reward, terminated, truncated, info = self.env.step(action[: self._real_dim])
         info["hallucinated_action"] = action[self._real_dim :]
         return observation, reward, terminated, truncated, info

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from sb3_hucrl.imagination import Array, Trajectories, World
@@ -28,22 +28,28 @@ class ImaginationVecEnv(VecEnvWrapper):
 
     A training that is interrupted, by Ctrl-C or an error, does not come to its end, where it would switch back. So
     :meth:`reset`, with which every evaluation begins, asks whether the training that imagines is still running. If it
-    is not, the environments are the real ones from then on, and a warning says so.
+    is not, the environments are the real ones from then on, and a warning says so. A step before that is refused: it
+    would go on with what is imagined.
 
     :param venv: real environments, wrapped in :class:`HallucinationWrapper` if the exploration strategy hallucinates
     :raises ValueError: if actions are not bounded and continuous, observations are not vectors, or ``venv`` is wrapped
         in another VecEnv wrapper
+    :raises TypeError: if ``venv`` is a single environment
     """
 
     def __init__(self, venv: VecEnv) -> None:
+        if not isinstance(venv, VecEnv):
+            raise TypeError(
+                f"venv is a {type(venv).__name__}, not a vectorised environment: give ImaginationVecEnv(make_vec_env("
+                "..., n_envs=32)), because imagination steps all environments as one batch"
+            )
         if isinstance(venv, VecEnvWrapper):
             raise ValueError(
-                f"{type(venv).__name__} lies inside ImaginationVecEnv, where real episodes bypass it: use gymnasium "
-                "wrappers around each environment instead (make_vec_env(..., wrapper_class=...)); VecNormalize goes "
-                "around ImaginationVecEnv: VecNormalize(ImaginationVecEnv(vec_env))"
+                f"{type(venv).__name__} lies inside ImaginationVecEnv, where real episodes bypass it: "
+                f"{_instead_of(venv)}"
             )
         super().__init__(venv)
-        require_bounded_box(venv.action_space)
+        self._action_shape = (venv.num_envs, *require_bounded_box(venv.action_space).shape)
         require_vector_observation(venv.observation_space)
         self._trajectories: Trajectories | None = None
         self._actions: Array = np.empty(0, dtype=np.float32)
@@ -83,8 +89,12 @@ class ImaginationVecEnv(VecEnvWrapper):
             self._trajectories.seed(seed)
         return super().seed(seed)
 
+    @property
+    def _was_interrupted(self) -> bool:
+        return self._is_training is not None and not self._is_training()
+
     def reset(self) -> VecEnvObs:
-        if self._is_training is not None and not self._is_training():
+        if self._was_interrupted:
             warnings.warn(
                 "the training that imagined these environments was interrupted: from this reset on they are the real "
                 "ones again",
@@ -102,8 +112,17 @@ class ImaginationVecEnv(VecEnvWrapper):
     def step_async(self, actions: np.ndarray) -> None:
         if self._trajectories is None:
             self.venv.step_async(actions)
-        else:
-            self._actions = actions
+            return
+        if self._was_interrupted:
+            raise RuntimeError(
+                "the training that imagined these environments was interrupted, and they were not reset since: call "
+                "reset(), which makes them the real ones again, or go on with learn(..., callback=HUCRLCallback())"
+            )
+        if np.shape(actions) != self._action_shape:
+            raise ValueError(
+                f"the actions have shape {np.shape(actions)}: {self.num_envs} environments take {self._action_shape}"
+            )
+        self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
         trajectories = self._trajectories
@@ -142,6 +161,19 @@ class ImaginationVecEnv(VecEnvWrapper):
                 "callback: sb3_hucrl.HUCRLCallback",
                 stacklevel=2,
             )
+
+
+def _instead_of(wrapper: VecEnvWrapper) -> str:
+    if isinstance(wrapper, VecNormalize):
+        return "put it around, VecNormalize(ImaginationVecEnv(vec_env)), in a YAML file normalize: true"
+    if isinstance(wrapper, VecMonitor):
+        return "leave it out, because make_vec_env has put a Monitor around each environment"
+    if isinstance(wrapper, VecFrameStack):
+        return (
+            "stack in each environment, make_vec_env(..., wrapper_class=lambda env: FlattenObservation("
+            "FrameStackObservation(env, 4))), with the wrappers of gymnasium"
+        )
+    return "use a gymnasium wrapper around each environment, make_vec_env(..., wrapper_class=...)"
 
 
 def imagination_layer(env: VecEnv) -> tuple[ImaginationVecEnv | None, list[VecEnvWrapper]]:

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sb3_hucrl.imagination import Array, World
-from sb3_hucrl.spaces import require_vector_observation
+from sb3_hucrl.spaces import require_action, require_vector_observation
 
 
 class LearnedModelEnv(gym.Env[Any, Any]):
@@ -36,6 +36,7 @@ class LearnedModelEnv(gym.Env[Any, Any]):
         return self._trajectory.reset()[0], {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        require_action(action, self.action_space)
         step = self._trajectory.step(action[np.newaxis])
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         return step.observations[0], float(step.rewards[0]), terminated, truncated and not terminated, {}

@@ -15,6 +15,7 @@ from gymnasium import spaces
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
 from sb3_hucrl.envs.arguments import require_valid
+from sb3_hucrl.spaces import require_action
 
 Array = npt.NDArray[np.float32]
 SIZE = 480
@@ -115,6 +116,7 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
         self.data.qpos[:], self.data.qvel[:] = np.split(state, [self.model.nq])
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        require_action(action, self.action_space)
         applied = np.clip(action.astype(np.float64), self._low, self._high)
         self.data.ctrl[:] = applied
         mujoco.mj_step(self.model, self.data, nstep=self.frame_skip)

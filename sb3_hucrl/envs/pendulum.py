@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from sb3_hucrl.envs.arguments import require_valid
 from sb3_hucrl.envs.pendulum_render import PendulumRenderer
+from sb3_hucrl.spaces import require_action
 from sb3_hucrl.tasks.pendulum import PendulumTask
 
 GRAVITY = 9.81
@@ -102,6 +103,7 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     def step(
         self, action: npt.NDArray[np.float32]
     ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        require_action(action, self.action_space)
         self.torque = min(max(float(action[0]), -1.0), 1.0)
         reward = self.task.reward_formula(math.cos(self.theta), self.omega, self.torque)
         self.theta, self.omega = integrate(self.theta, self.omega, self.torque)

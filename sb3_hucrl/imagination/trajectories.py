@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 
+from sb3_hucrl.imagination.finite import first_not_finite
+
 if TYPE_CHECKING:
     from sb3_hucrl.imagination.world import World
 
@@ -132,18 +134,31 @@ class Trajectories:
         self._states = world.forget_outcomes(stepped.next_state)
         self.lengths += 1
         self.returns += task_rewards
-        self._require_finite(step)
+        self._require_finite(step, stepped.next_state)
         done = step.terminated | step.truncated
         if done.any():
             self.initial_returns.extend(self.returns[done & self._from_initial].tolist())
         return step
 
-    def _require_finite(self, step: ImaginedStep) -> None:
-        for name, values in (("observation", step.observations), ("reward", step.rewards)):
+    def _require_finite(self, step: ImaginedStep, next_states: th.Tensor) -> None:
+        task = type(self.world.task).__name__
+        methods = ((f"{task}.observe", "observation", step.observations), (f"{task}.reward", "reward", step.rewards))
+        for method, name, values in methods:
             # One sum is the cheapest test: it is finite unless an element is not.
-            if not np.isfinite(values.sum()):
-                row = int(np.argmin(np.isfinite(values).reshape(self.num_envs, -1).all(axis=1)))
+            if np.isfinite(values.sum()):
+                continue
+            broken = ~np.isfinite(values).reshape(self.num_envs, -1).all(axis=1)
+            if not broken.any():
+                continue
+            row = int(np.argmax(broken))
+            value = first_not_finite(f"imagined {name}", values[row])
+            found = f"{value} at step {self.lengths[row]} of trajectory {row}"
+            only_the_bonus = name == "reward" and bool(np.isfinite(step.task_rewards[row]))
+            if bool(th.isfinite(next_states[row]).all()) and not only_the_bonus:
                 raise ValueError(
-                    f"imagined {name} is {values[row].tolist()} at step {self.lengths[row]} of trajectory {row}: the "
-                    "dynamics model has diverged; lower beta or the horizon, or collect more real episodes"
+                    f"{found}, where all states are finite: {method} must give finite values for every state, also "
+                    "for those that no real episode reaches; correct it there"
                 )
+            raise ValueError(
+                f"{found}: the dynamics model has diverged; lower beta or the horizon, or collect more real episodes"
+            )

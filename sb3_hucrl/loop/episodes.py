@@ -11,6 +11,7 @@ from gymnasium import spaces
 
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination import Array, BatchActor
+from sb3_hucrl.imagination.finite import first_not_finite
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.systems import Outcome, RealSystems
@@ -135,10 +136,8 @@ class _Episode:
                 f"the real environment returned {name} of shape {array.shape} {where}: it must have shape {shape}, "
                 f"{meaning}"
             )
-        if not np.isfinite(array).all():
-            raise ValueError(
-                f"the real environment returned {name} {array.tolist()} {where}: it must be finite; correct it there"
-            )
+        if broken := first_not_finite(name, array):
+            raise ValueError(f"the real environment returned {broken} {where}: it must be finite; correct it there")
         return array
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList, EventCallback
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, EvalCallback, EventCallback
+
+from sb3_hucrl.wrappers.imagination import imagination_layer
 
 
 def require_place(callback: BaseCallback, kind: type[BaseCallback]) -> None:
@@ -13,7 +15,8 @@ def require_place(callback: BaseCallback, kind: type[BaseCallback]) -> None:
 
     :param callback: in training
     :param kind: of callback of which there may be one
-    :raises ValueError: if it is inside a callback that calls it only now and then, or there are two
+    :raises ValueError: if it is inside a callback that calls it only now and then, there are two, or another callback
+        evaluates in the environments that imagine
     """
     if isinstance(callback.parent, EventCallback):
         event = type(callback.parent).__name__
@@ -24,12 +27,27 @@ def require_place(callback: BaseCallback, kind: type[BaseCallback]) -> None:
     # Which of the variables of learn() holds all callbacks differs between algorithms.
     for value in callback.locals.values():
         if isinstance(value, BaseCallback):
-            count = sum(isinstance(each, kind) for each in _all_within(value))
+            beside = list(_all_within(value))
+            count = sum(isinstance(each, kind) for each in beside)
             if count > 1:
                 raise ValueError(
                     f"there are {count} {kind.__name__}s in this training, and each would play real episodes and "
                     "replace what the other imagines: give learn() one of them"
                 )
+            for each in beside:
+                if isinstance(each, EvalCallback):
+                    _require_own_environment(each)
+
+
+def _require_own_environment(evaluation: EvalCallback) -> None:
+    imagined, _ = imagination_layer(evaluation.training_env)
+    evaluated, _ = imagination_layer(evaluation.eval_env)
+    if evaluated is not None and evaluated is imagined:
+        raise ValueError(
+            f"{type(evaluation).__name__} evaluates in the environments of the training, which are imagined: it "
+            "would report imagined returns and end the trajectories of the search: give it real ones of its own, "
+            "EvalCallback(make_vec_env(...))"
+        )
 
 
 def _all_within(callback: BaseCallback) -> Iterator[BaseCallback]:

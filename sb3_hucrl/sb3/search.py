@@ -146,6 +146,11 @@ class OffPolicySearch(SB3Search):
                 f"the replay buffer is a {type(buffer).__name__}, for observations that are dictionaries: imagination "
                 "has vectors; leave replay_buffer_class out (hindsight relabelling is not supported)"
             )
+        if buffer is not None and buffer.n_envs != env.num_envs:
+            raise ValueError(
+                f"the replay buffer has rows of {buffer.n_envs} environments, and n_envs is {env.num_envs}: load one "
+                f"that was saved with n_envs={env.num_envs}, or make {buffer.n_envs} environments"
+            )
         mixes = settings.real_data_fraction > 0 or settings.stale_fraction > 0
         if model.optimize_memory_usage and mixes:
             raise ValueError(

@@ -34,8 +34,8 @@ def find_imagination(env: VecEnv) -> ImaginationVecEnv:
     if opaque:
         raise ValueError(
             f"{opaque} wrap ImaginationVecEnv, but real episodes are played below it and would not see them: use "
-            "gymnasium wrappers around each environment instead (such as gymnasium.wrappers.FrameStackObservation), "
-            f"or only {[wrapper.__name__ for wrapper in TRANSPARENT]} around ImaginationVecEnv"
+            "gymnasium wrappers around each environment instead (such as FlattenObservation(FrameStackObservation(env, "
+            f"4))), or only {[wrapper.__name__ for wrapper in TRANSPARENT]} around ImaginationVecEnv"
         )
     return layer
 
@@ -49,21 +49,30 @@ class SingleEnv:
     :param venv: real environments
     :param index: of the environment
     :param on_monitored: called at the end of each episode with what Monitor says of it
+    :raises RuntimeError: in both methods, if the process of the environment has ended
     """
 
     def __init__(self, venv: VecEnv, index: int, on_monitored: Callable[[Mapping[str, Any]], None]) -> None:
         self._venv, self._index, self._on_monitored = venv, index, on_monitored
 
     def reset(self) -> tuple[Any, dict[str, Any]]:
-        observation, infos = self._venv.env_method("reset", indices=self._index)[0]
+        observation, infos = self._call("reset")
         return observation, infos
 
     def step(self, action: Array, /) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        result = self._venv.env_method("step", action, indices=self._index)[0]
-        observation, reward, terminated, truncated, infos = result
+        observation, reward, terminated, truncated, infos = self._call("step", action)
         if (terminated or truncated) and "episode" in infos:
             self._on_monitored(infos["episode"])
         return observation, reward, terminated, truncated, infos
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        try:
+            return self._venv.env_method(method, *arguments, indices=self._index)[0]
+        except (EOFError, ConnectionError) as error:
+            raise RuntimeError(
+                f"the process of environment {self._index} ended during {method}(): the error that ended it is printed "
+                "above, if it was one; train with DummyVecEnv (without --vec-env subproc) to see it here"
+            ) from error
 
 
 def real_systems(venv: VecEnv, on_monitored: Callable[[Mapping[str, Any]], None] = lambda episode: None) -> RealSystems:
