@@ -1,4 +1,4 @@
-"""Registers SBX, SB3's algorithms in JAX, with rl_zoo3 as ``sbx_sac`` and so on, if it is installed."""
+"""Registers SBX, SB3's algorithms in JAX, with rl_zoo3 as ``sbx_sac`` and so on."""
 
 from __future__ import annotations
 
@@ -23,12 +23,18 @@ class LazyAlgorithm:
     Imports an algorithm when it is first used: importing JAX takes seconds, and most runs do not need it.
 
     :param name: of the class in ``sbx``
+    :raises ImportError: when it is first used, if SBX is not installed
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     def _load(self) -> type[BaseAlgorithm]:
+        if find_spec("sbx") is None:
+            raise ImportError(
+                f"{PREFIX}{self._name.lower()} needs SBX, which is not installed: pip install sbx-rl, or use "
+                f"{self._name.lower()}, the same algorithm in PyTorch"
+            )
         return cast("type[BaseAlgorithm]", getattr(importlib.import_module("sbx"), self._name))
 
     def __call__(self, *args: Any, **kwargs: Any) -> BaseAlgorithm:
@@ -57,9 +63,7 @@ def translated(function: Callable[..., dict[str, Any]]) -> Callable[..., dict[st
 
 
 def register_sbx() -> None:
-    """Register SBX's algorithms with rl_zoo3, if SBX is installed; they are tuned like their SB3 versions."""
-    if find_spec("sbx") is None:
-        return
+    """Register SBX's algorithms with rl_zoo3; they are tuned like their SB3 versions."""
     for algo, name in CLASSES.items():
         ALGOS[PREFIX + algo] = cast("type[BaseAlgorithm]", LazyAlgorithm(name))
         if algo in HYPERPARAMS_SAMPLER:
