@@ -8,6 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+#: where gymnasium's TimeLimit keeps its number of steps; only some specifications of environments have it, too
+TIME_LIMIT = "_max_episode_steps"
+
 
 def require_bounded_box(action_space: spaces.Space[Any]) -> spaces.Box:
     """

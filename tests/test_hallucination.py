@@ -99,3 +99,11 @@ def test_an_action_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"the action has shape .*this environment takes \(4,\); .*same hallucinate"):
         env.step(np.zeros(shape, dtype=np.float32))
+
+
+def test_room_is_made_once() -> None:
+    with pytest.raises(
+        ValueError, match="has room for a′ already, as every environment has whose id begins"
+    ):
+        HallucinationWrapper(gym.make("HUCRL-Pendulum-v1"))
+    assert HallucinationWrapper(gym.make("HUCRL-Pendulum-v1", hallucinate=False)).hallucinated_dim == 2

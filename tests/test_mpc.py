@@ -13,7 +13,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from helpers import ENV_ID, TruePendulum, limits_of, pendulum_dataset, small_world
-from sb3_hucrl import HallucinationWrapper, Prediction
+from sb3_hucrl import Prediction
 from sb3_hucrl.planning import (
     CEM,
     ICEM,
@@ -41,7 +41,7 @@ class Leaning(gym.Wrapper[Any, Any, Any, Any]):
 
 
 def make_env() -> gym.Env[Any, Any]:
-    return HallucinationWrapper(Leaning(gym.make(ENV_ID, max_episode_steps=40, action_penalty=0.0)))
+    return Leaning(gym.make(ENV_ID, max_episode_steps=40, action_penalty=0.0))
 
 
 def policy(planner: Planner, horizon: int = 30) -> MPCPolicy:
@@ -84,7 +84,7 @@ def test_a_single_plan_with_the_true_dynamics_swings_the_real_pendulum_up(planne
     generator = th.Generator().manual_seed(0)
     objective = ImaginedReturns(problem, th.tensor([[np.pi, 0.0]]), generator)
     plan = planner.plan(objective, problem.variables.fresh(1), problem.variables.bounds, generator)
-    env = HallucinationWrapper(gym.make(ENV_ID, action_penalty=0.0))
+    env = gym.make(ENV_ID, action_penalty=0.0)
     env.reset()
     rewards = [float(env.step(action)[1]) for action in plan.actions[0].numpy()]
     assert sum(rewards) > 5

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import torch as th
 from gymnasium import spaces
-from gymnasium.wrappers import TimeLimit
+from gymnasium.wrappers import TimeLimit, TransformAction
 from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from helpers import small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, ImaginationVecEnv
+from sb3_hucrl.tasks import GymnasiumPendulumTask
 
 OBSERVED, ACTIONS = spaces.Box(-10.0, 10.0, (2,)), spaces.Box(-1.0, 1.0, (2,))
 
@@ -201,6 +202,25 @@ def test_an_environment_that_raises_loses_nothing_that_was_learned(tmp_path: Pat
         assert state_of(each).real_episodes == 2
     resumed = SAC.load(checkpoint, env=stack(), device="cpu").learn(80, callback=small_callback())
     assert state_of(resumed).real_episodes == 3
+
+
+def reshaped(hallucinated_dim: int, time_limit: int) -> gym.Env[Any, Any]:
+    """Wrapped in functions that no process can send to another."""
+    flat = spaces.Box(-1.0, 1.0, (1,))
+    env = TransformAction(gym.make("Pendulum-v1"), lambda action: 2.0 * action.reshape(1), flat)
+    return TimeLimit(HallucinationWrapper(env, hallucinated_dim), time_limit)
+
+
+@pytest.mark.slow
+def test_processes_need_not_send_the_functions_of_wrappers() -> None:
+    env = ImaginationVecEnv(SubprocVecEnv([partial(reshaped, 2, 20)] * 2))
+    with pytest.raises(ValueError, match=r"whose reward is .* around the environment lie TransformAction; take such"):
+        small_sac(env, seed=0).learn(80, callback=small_callback(task=GymnasiumPendulumTask()))
+    env.close()
+    env = ImaginationVecEnv(SubprocVecEnv([partial(reshaped, 3, 20)] * 2))
+    learned = small_sac(env, seed=0).learn(80, callback=small_callback(task="learned"))
+    assert state_of(learned).dataset.lengths == [20, 20]
+    env.close()
 
 
 @pytest.mark.slow

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import ClipAction
 
@@ -25,12 +27,17 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
     :param env: environment with continuous actions and vector observations
     :param hallucinated_dim: number of dimensions of a′; by default that of the environment's registered task, or the
         observation's dimension if no task is registered
-    :raises ValueError: if the environment has other spaces
+    :raises ValueError: if the environment has other spaces, or room for a′ already
     """
 
     def __init__(self, env: gym.Env[Any, Any], hallucinated_dim: int | None = None) -> None:
         RecordConstructorArgs.__init__(self, hallucinated_dim=hallucinated_dim)
         super().__init__(env)
+        if env.has_wrapper_attr("hallucinated_dim"):
+            raise ValueError(
+                f"env {env} has room for a′ already, as every environment has whose id begins with HUCRL-: take one of "
+                "the two HallucinationWrappers away, or make it with hallucinate=False"
+            )
         observation_space = require_vector_observation(env.observation_space)
         action_space = require_bounded_box(_limits(env))
         if hallucinated_dim is None:
@@ -39,6 +46,18 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
         self.hallucinated_dim = hallucinated_dim
         self._real_dim = action_space.shape[0]
         self.action_space = widen(action_space, hallucinated_dim)
+
+    @property
+    def portable_spec(self) -> EnvSpec | None:
+        """
+        The specification without functions, such as arguments of a wrapper, which cannot be sent from the processes of
+        a SubprocVecEnv.
+        """
+        spec = self.spec
+        if spec is None:
+            return None
+        wrappers = tuple(replace(each, kwargs=None) for each in spec.additional_wrappers)
+        return replace(spec, entry_point=None, vector_entry_point=None, additional_wrappers=wrappers)
 
     def step(self, action: Array) -> tuple[Array, SupportsFloat, bool, bool, dict[str, Any]]:
         require_action(action, self.action_space)

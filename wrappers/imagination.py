@@ -11,7 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStac
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 from sb3_hucrl.imagination import Array, Trajectories, World
-from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
+from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_observation
 
 #: real steps without a reset, over all environments, that only a training takes: at least so many, and at least so many
 #: episodes of full length; an evaluation begins with a reset, and plays five to ten episodes by default
@@ -152,8 +152,8 @@ class ImaginationVecEnv(VecEnvWrapper):
         self._real_steps += self.num_envs
         if self._real_steps < LONG_STEPS:
             return
-        spec = self.venv.get_attr("spec", indices=0)[0]
-        if self._real_steps >= LONG_EPISODES * ((spec and spec.max_episode_steps) or 0):
+        time_limit = self.venv.get_attr(TIME_LIMIT, indices=0)[0] if self.venv.has_attr(TIME_LIMIT) else 0
+        if self._real_steps >= LONG_EPISODES * time_limit:
             self._real_steps = None
             warnings.warn(
                 f"{self.num_envs} real environments have been stepped for long, and nothing was imagined: if this is a "

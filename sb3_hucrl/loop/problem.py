@@ -10,12 +10,10 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
 from sb3_hucrl.loop.settings import ModelSettings
-from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
+from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_observation
 from sb3_hucrl.tasks import Task, check_task, resolve_task
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
 
-#: where gymnasium's TimeLimit keeps its number of steps, which an environment without a specification does not tell
-TIME_LIMIT = "_max_episode_steps"
 #: wrappers that leave observations, actions and rewards as they are
 HARMLESS = frozenset(
     [
@@ -70,13 +68,13 @@ class Problem:
         :param action_space: of (a, a′)
         :param hallucinated_dim: number of dimensions of a′
         :param settings: name the task
-        :param time_limit: of the environment, in steps, if the specification has none
+        :param time_limit: of the environment, in steps; None for that of the specification
         :raises ValueError: if the environment has no time limit, unsuitable spaces, or another task
         """
         observed = require_vector_observation(observation_space)
         observation_dim = observed.shape[0]
         task = resolve_task(settings.task, settings.task_kwargs or {}, spec, observation_dim)
-        if spec is not None and spec.max_episode_steps is not None:
+        if time_limit is None and spec is not None:
             time_limit = spec.max_episode_steps
         if time_limit is None:
             raise ValueError(
@@ -87,7 +85,7 @@ class Problem:
         box = require_bounded_box(action_space)
         action_dim = box.shape[0] - hallucinated_dim
         check_task(task, observation_dim, action_dim)
-        return cls(task, observed, box, action_dim, int(time_limit), changing_wrappers(spec))
+        return cls(task, observed, box, action_dim, time_limit, changing_wrappers(spec))
 
     @classmethod
     def from_env(cls, env: gym.Env[Any, Any], settings: ModelSettings) -> Problem:

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecCheckNan, VecEnv,
 
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop import ModelSettings, ParallelSystems, Problem, RealSystems
-from sb3_hucrl.loop.problem import TIME_LIMIT
+from sb3_hucrl.spaces import TIME_LIMIT
 from sb3_hucrl.wrappers.imagination import ImaginationVecEnv, imagination_layer
 
 #: wrappers above ImaginationVecEnv that real episodes may do without, or that the algorithm itself applies
@@ -94,7 +94,9 @@ def read_problem(venv: VecEnv, settings: ModelSettings) -> Problem:
     :param settings: name the task
     :raises ValueError: as :meth:`sb3_hucrl.loop.Problem.from_spaces`
     """
-    spec: EnvSpec | None = venv.get_attr("spec", indices=0)[0]
+    # A process that cannot send what it is asked for ends.
+    name = "portable_spec" if isinstance(venv, SubprocVecEnv) and venv.has_attr("portable_spec") else "spec"
+    spec: EnvSpec | None = venv.get_attr(name, indices=0)[0]
     hallucinated_dim, time_limit = (
         int(venv.get_attr(name, indices=0)[0]) if venv.has_attr(name) else None
         for name in ("hallucinated_dim", TIME_LIMIT)
