@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Collection, Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any, Generic, TypeVar
+
+from sb3_hucrl.checks import ArgumentError, did_you_mean
 
 T = TypeVar("T")
 
@@ -55,9 +56,10 @@ class Registry(Collection[str], Generic[T]):
         :param name: to be checked
         :raises ValueError: if the name is unknown
         """
+        if not isinstance(name, str):
+            raise ArgumentError.of_value(self.kind, name, f"one of the names {sorted(self.targets)}")
         if name not in self.targets:
-            similar = " or ".join(map(repr, get_close_matches(name, self.targets)))
-            hint = f" (did you mean {similar}?)" if similar else ""
+            hint = did_you_mean(name, self.targets)
             raise ValueError(f"unknown {self.kind} {name!r}: choose one of {sorted(self.targets)}{hint}")
 
     def resolve(self, name: str) -> Callable[..., T]:

@@ -27,6 +27,7 @@ ROOMS = [
     ["dynamics"],
     ["tasks"],
     ["data", "files", "progress", "registry", "seeding", "spaces"],
+    ["checks"],
 ]
 #: what forwards the names that files of version 0.1 hold
 FORWARDING = {"state", "parameters"}

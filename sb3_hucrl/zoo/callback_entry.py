@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -50,23 +49,6 @@ def with_entry(callbacks: Any, entry: CallbackEntry) -> list[Any]:
     """
     new = {entry.name: dict(entry.settings)}
     return [each if _read(each) is None else new for each in _as_list(callbacks)]
-
-
-def arguments_of(callback: type[HUCRLCallback]) -> dict[str, inspect.Parameter]:
-    """
-    :param callback: HUCRLCallback or a subclass
-    :return: its arguments, including those of its base class if it passes ``**kwargs`` on
-    """
-    found: dict[str, inspect.Parameter] = {}
-    for each in callback.__mro__:
-        if "__init__" not in vars(each):
-            continue
-        _, *parameters = inspect.signature(vars(each)["__init__"]).parameters.values()
-        named = [one for one in parameters if one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)]
-        found = {one.name: one for one in named} | found
-        if all(one.kind != one.VAR_KEYWORD for one in parameters):
-            break
-    return found
 
 
 def _as_list(callbacks: Any) -> list[Any]:

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from sb3_hucrl.checks import arguments_of
 from sb3_hucrl.imagination import StartStates
-from sb3_hucrl.zoo.callback_entry import CallbackEntry, arguments_of, find_entry, with_entry
+from sb3_hucrl.zoo.callback_entry import CallbackEntry, find_entry, with_entry
 
 #: prefix of every name
 PREFIX = "hucrl_"
