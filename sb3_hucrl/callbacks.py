@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sb3_hucrl.checks import Natural, validated
 from sb3_hucrl.dynamics import DynamicsModel
-from sb3_hucrl.exploration import ExplorationStrategy, make_strategy
+from sb3_hucrl.exploration import ExplorationStrategy, choose_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
 from sb3_hucrl.sb3 import Checkpoint, TrainingLog, find_imagination, make_loop, make_search, require_place
 from sb3_hucrl.tasks import Task
 
 
+@validated
 class HUCRLCallback(BaseCallback):
     """
     Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
@@ -86,18 +89,16 @@ class HUCRLCallback(BaseCallback):
         uncertainty_cap: float | None = None,
         standardise: bool = True,
         reward_threshold: float | None = None,
-        log_dir: str | None = None,
-        checkpoint: str | None = None,
-        verbose: int = 0,
+        log_dir: str | Path | None = None,
+        checkpoint: str | Path | None = None,
+        verbose: Natural = 0,
     ) -> None:
         super().__init__(verbose)
-        if isinstance(exploration, str):
-            exploration = make_strategy(exploration, **(exploration_kwargs or {}))
         played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
-        real_data, stale, cap = real_data_fraction, stale_fraction, uncertainty_cap
+        searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
         self.settings = Settings(
             RealSettings(*played, sampling_fraction, reward_threshold),
-            SearchSettings(exploration, imagined_steps, horizon, start_states, real_data, stale, cap, standardise),
+            SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )

@@ -8,7 +8,10 @@ from itertools import accumulate
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Fraction, Seed, validated
 
+
+@validated
 @dataclass(frozen=True)
 class Transitions:
     """
@@ -55,6 +58,7 @@ class Transitions:
         return Transitions(states, th.zeros(0, action_dim), states, th.zeros(0), th.zeros(0, dtype=th.bool))
 
 
+@validated
 class TransitionDataset:
     """
     All real transitions so far, stored on the CPU.
@@ -68,7 +72,7 @@ class TransitionDataset:
     :param holdout_fraction: expected fraction of held-out transitions
     """
 
-    def __init__(self, state_dim: int, action_dim: int, seed: int = 0, holdout_fraction: float = 0.1) -> None:
+    def __init__(self, state_dim: Count, action_dim: Count, seed: Seed = 0, holdout_fraction: Fraction = 0.1) -> None:
         self.state_dim = state_dim
         self.action_dim = action_dim
         self.holdout_fraction = holdout_fraction

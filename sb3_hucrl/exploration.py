@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import torch as th
 from torch.nn.functional import pad
 
-from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor
+from sb3_hucrl.checks import (
+    ArgumentError,
+    Factor,
+    Fraction,
+    NotNegative,
+    Probability,
+    require_arguments,
+    validated,
+    within,
+)
+from sb3_hucrl.dynamics.base import DynamicsModel, Prediction, Predictor, require_ability
 from sb3_hucrl.registry import Registry
 
 
@@ -25,6 +36,14 @@ class ExplorationStrategy(ABC):
         :return: number of action dimensions that the strategy adds
         """
         return 0
+
+    def require_support(self, model: DynamicsModel) -> None:  # noqa: B027  # many need nothing
+        """
+        Called before any real step.
+
+        :param model: not fitted yet
+        :raises ValueError: if the model lacks what the strategy needs
+        """
 
     def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
         """
@@ -81,17 +100,13 @@ class ExplorationStrategy(ABC):
         return {}
 
 
-def _require_not_negative(name: str, value: float | str) -> None:
-    if isinstance(value, str) or not value >= 0:
-        raise ValueError(f"{name} is {value!r}: give 0 or more")
-
-
 def _add_noise(mean: th.Tensor, std: th.Tensor, generator: th.Generator | None) -> th.Tensor:
     if generator is None:
         return mean
     return th.addcmul(mean, std, th.randn(mean.shape, generator=generator, device=mean.device, dtype=mean.dtype))
 
 
+@validated
 @dataclass(frozen=True)
 class Optimistic(ExplorationStrategy):
     """
@@ -111,22 +126,11 @@ class Optimistic(ExplorationStrategy):
     :raises ValueError: if a number is out of its range or the uncertainty is unknown
     """
 
-    beta: float | Literal["theory"] = 1.0
+    beta: NotNegative | Literal["theory"] = 1.0
     uncertainty: Literal["epistemic", "predictive"] = "epistemic"
-    delta: float = 0.1
-    norm_bound: float = 1.0
-    steered_fraction: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.steered_fraction <= 1:
-            raise ValueError(f"steered_fraction is {self.steered_fraction}: give a fraction between 0 and 1")
-        if self.beta != "theory":
-            _require_not_negative("beta", self.beta)
-        if self.uncertainty not in ("epistemic", "predictive"):
-            raise ValueError(f"unknown uncertainty {self.uncertainty!r}: choose 'epistemic' or 'predictive'")
-        if not 0 < self.delta < 1:
-            raise ValueError(f"delta is {self.delta}: give a probability between 0 and 1")
-        _require_not_negative("norm_bound", self.norm_bound)
+    delta: Probability = 0.1
+    norm_bound: NotNegative = 1.0
+    steered_fraction: Fraction = 0.5
 
     def hallucinated_dim(self, steerable_dim: int) -> int:
         return steerable_dim
@@ -135,6 +139,10 @@ class Optimistic(ExplorationStrategy):
         # Evenly spread, and the first one included.
         steered = np.ceil(np.arange(num_trajectories + 1) * (1.0 if exploring else self.steered_fraction))
         return np.asarray(np.diff(steered) > 0, dtype=np.bool_)
+
+    def require_support(self, model: DynamicsModel) -> None:
+        if self.beta == "theory":
+            require_ability(model, "confidence_width")
 
     def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
         if self.beta == "theory":
@@ -157,6 +165,7 @@ class Optimistic(ExplorationStrategy):
         return {} if self.beta == "theory" else {"beta": self.beta}
 
 
+@validated
 @dataclass(frozen=True)
 class Greedy(ExplorationStrategy):
     """
@@ -169,13 +178,11 @@ class Greedy(ExplorationStrategy):
     :raises ValueError: if the propagation is unknown
     """
 
-    PROPAGATIONS: ClassVar = ("ds", "ts1", "tsinf")
-
     propagation: Literal["ds", "ts1", "tsinf"] = "ds"
 
-    def __post_init__(self) -> None:
-        if self.propagation not in self.PROPAGATIONS:
-            raise ValueError(f"unknown propagation {self.propagation!r}: choose one of {list(self.PROPAGATIONS)}")
+    def require_support(self, model: DynamicsModel) -> None:
+        if self.propagation != "ds":
+            require_ability(model, "sample_posterior")
 
     def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
         if self.propagation == "ts1":
@@ -189,12 +196,16 @@ class Greedy(ExplorationStrategy):
         return _add_noise(prediction.mean, prediction.predictive_std, generator)
 
 
+@validated
 @dataclass(frozen=True)
 class Thompson(ExplorationStrategy):
     """
     Thompson sampling: each search uses one posterior sample (such as one ensemble member), and the policy that is
     optimal for it plays the next real episodes (appendix B.1). Adds no action dimension.
     """
+
+    def require_support(self, model: DynamicsModel) -> None:
+        require_ability(model, "sample_posterior")
 
     def predictor(self, model: DynamicsModel, num_samples: int, generator: th.Generator) -> Predictor:
         return model.sample_posterior(generator)
@@ -205,6 +216,7 @@ class Thompson(ExplorationStrategy):
         return _add_noise(prediction.mean, prediction.aleatoric_std, generator)
 
 
+@validated
 @dataclass(frozen=True)
 class Bonus(ExplorationStrategy):
     """
@@ -216,13 +228,8 @@ class Bonus(ExplorationStrategy):
     :raises ValueError: if the weight is negative or the decay outside (0, 1]
     """
 
-    weight: float = 1.0
-    decay: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.decay <= 1:
-            raise ValueError(f"decay is {self.decay}: give a factor above 0 and up to 1")
-        _require_not_negative("weight", self.weight)
+    weight: NotNegative = 1.0
+    decay: Factor = 1.0
 
     def adapted(self, model: DynamicsModel, real_episodes: int) -> ExplorationStrategy:
         return replace(self, weight=self.weight * self.decay ** max(0, real_episodes - 1))
@@ -246,7 +253,7 @@ STRATEGIES: Registry[ExplorationStrategy] = Registry(
 )
 
 
-def make_strategy(name: str, **kwargs: Any) -> ExplorationStrategy:
+def make_strategy(name: str, /, **kwargs: Any) -> ExplorationStrategy:
     """
     Build a strategy by name.
 
@@ -255,3 +262,27 @@ def make_strategy(name: str, **kwargs: Any) -> ExplorationStrategy:
     :raises ValueError: if the name is unknown or an argument is out of range
     """
     return STRATEGIES.make(name, **kwargs)
+
+
+@validated
+def choose_strategy(
+    exploration: str | ExplorationStrategy, exploration_kwargs: Mapping[str, Any] | None = None
+) -> ExplorationStrategy:
+    """
+    The strategy that a user chose.
+
+    :param exploration: a strategy, or the name of one
+    :param exploration_kwargs: arguments of the named one
+    :raises ValueError: if the name is unknown, an argument is wrong, or a strategy has arguments beside it
+    """
+    given = exploration_kwargs or {}
+    if not isinstance(exploration, str):
+        if given:
+            raise ArgumentError.of_value(
+                "exploration_kwargs", given, "them to the strategy itself, or name the strategy, such as 'optimistic'"
+            )
+        return exploration
+    strategy = STRATEGIES.resolve(exploration)
+    with within("exploration_kwargs"):
+        require_arguments(given, strategy)
+        return strategy(**given)

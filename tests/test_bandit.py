@@ -43,5 +43,5 @@ def test_what_is_believed_is_the_posterior() -> None:
 
 
 def test_bad_numbers_say_what_to_give() -> None:
-    with pytest.raises(ValueError, match="at least 1 step and a beta of 0 or more"):
+    with pytest.raises(ValueError, match=r"beta is -1\.0: give a finite number of at least 0"):
         run(-1.0)

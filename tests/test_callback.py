@@ -247,24 +247,24 @@ def test_a_checkpoint_of_other_dimensions_is_refused() -> None:
 def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() -> None:
     env = imagination_env()
     with pytest.raises(ValueError, match="predicts 3 state dimensions, PendulumTask has 2"):
-        small_sac(env).learn(80, callback=small_callback(dynamics=ProbabilisticEnsemble(3, 1)))
+        small_sac(env).learn(80, callback=HUCRLCallback(dynamics=ProbabilisticEnsemble(3, 1)))
     assert env.get_attr("total_steps")[0] == 0
 
 
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"initial_episodes": 0}, "initial_episodes is 0: give at least 1"),
+        ({"initial_episodes": 0}, "initial_episodes is 0: give an integer of at least 1"),
         ({"real_episodes": 0}, "real_episodes is 0"),
         ({"imagined_steps": 0}, "imagined_steps is 0"),
-        ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a fraction between 0 and 1"),
-        ({"real_data_fraction": -0.1}, "real_data_fraction is -0.1: give a fraction between 0 and 1"),
-        ({"stale_fraction": 2.0}, "stale_fraction is 2.0: give a fraction between 0 and 1"),
+        ({"sampling_fraction": 1.5}, "sampling_fraction is 1.5: give a fraction from 0 to 1"),
+        ({"real_data_fraction": -0.1}, "real_data_fraction is -0.1: give a fraction from 0 to 1"),
+        ({"stale_fraction": 2.0}, "stale_fraction is 2.0: give a fraction from 0 to 1"),
         ({"horizon": 0}, "horizon is 0"),
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
         ({"dynamics": "tree"}, "unknown dynamics 'tree'"),
-        ({"uncertainty_cap": 0.0}, "uncertainty_cap is 0.0: give a positive multiple"),
-        ({"exploration_kwargs": {"beta": -2}}, "beta is -2"),
+        ({"uncertainty_cap": 0.0}, "uncertainty_cap is 0.0: give a finite number above 0"),
+        ({"exploration_kwargs": {"beta": -2}}, "exploration_kwargs.beta is -2"),
     ],
 )
 def test_bad_settings_are_refused_at_once(kwargs: dict[str, Any], message: str) -> None:

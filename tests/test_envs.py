@@ -206,7 +206,7 @@ def test_renders_a_frame_that_moves(env_id: str) -> None:
 def test_bad_arguments_say_what_to_do(env_id: str) -> None:
     with pytest.raises(ValueError, match=r"action_penalty is -0\.1"):
         gym.make(env_id, action_penalty=-0.1)
-    with pytest.raises(ValueError, match="unknown render_mode 'ascii'"):
+    with pytest.raises(ValueError, match="render_mode is 'ascii': give 'human' or 'rgb_array'"):
         gym.make(env_id, render_mode="ascii")
 
 

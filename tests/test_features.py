@@ -144,7 +144,7 @@ def test_an_interrupted_fit_counts_no_transition_twice(
 
 
 def test_bad_input_says_what_to_do() -> None:
-    with pytest.raises(ValueError, match=r"5 nodes in each of 23 input dimensions .* use dynamics 'rff'"):
+    with pytest.raises(ValueError, match=r"nodes_per_dim is 5, .* of 23 inputs: .* use dynamics 'rff'"):
         QuadratureFourierModel(17, 6)
-    with pytest.raises(ValueError, match="num_features is 7: random features come in pairs"):
+    with pytest.raises(ValueError, match="num_features is 7: give an even number"):
         RandomFourierModel(2, 1, num_features=7)

@@ -183,7 +183,7 @@ def test_an_impossible_kernel_says_what_to_do() -> None:
         factor = safe_cholesky(th.ones(5, 5, dtype=th.float64))
     th.testing.assert_close(factor @ factor.T, th.ones(5, 5, dtype=th.float64), atol=1e-5, rtol=0)
     for name in ("lengthscale", "outputscale", "noise_std"):
-        with pytest.raises(ValueError, match=f"{name} is 0: give a positive number"):
+        with pytest.raises(ValueError, match=f"{name} is 0: give a finite number above 0"):
             ExactGP(2, 1, (), **{name: 0})
     with pytest.raises(ValueError, match="num_inducing is 0"):
         SparseGP(2, 1, num_inducing=0)

@@ -102,8 +102,6 @@ def test_an_action_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
 
 
 def test_room_is_made_once() -> None:
-    with pytest.raises(
-        ValueError, match="has room for a′ already, as every environment has whose id begins"
-    ):
+    with pytest.raises(ValueError, match="has room for a′ already, as every environment has whose id begins"):
         HallucinationWrapper(gym.make("HUCRL-Pendulum-v1"))
     assert HallucinationWrapper(gym.make("HUCRL-Pendulum-v1", hallucinate=False)).hallucinated_dim == 2

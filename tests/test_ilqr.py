@@ -181,5 +181,5 @@ def test_what_cannot_be_differentiated_is_said() -> None:
         problem = PlanningProblem(world, ActionSequence(3, Bounds(world.low, world.high)))
         with pytest.raises(ValueError, match=message):
             solve(problem, ILQR(), STARTS.float())
-    with pytest.raises(ValueError, match="at least 1, 0 and 0"):
+    with pytest.raises(ValueError, match="num_iterations is 0"):
         ILQR(num_iterations=0)

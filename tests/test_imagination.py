@@ -279,11 +279,15 @@ def test_start_states_default_to_what_the_task_knows() -> None:
 
 def test_bad_start_states_say_what_to_do() -> None:
     dataset = pendulum_dataset(50)
-    with pytest.raises(ValueError, match=r"unknown start states \['anywhere'\]"):
+    with pytest.raises(ValueError, match=r"weights\.anywhere is no kind of start states"):
         StartStates(dataset, PendulumTask(), {"anywhere": 1})
-    for weights in ({}, {"initial": 0}, {"initial": 2, "visited": -1}):
-        with pytest.raises(ValueError, match="give none below 0 and at least one above"):
+    with pytest.raises(ValueError, match=r"weights\.vistied .*did you mean 'visited'"):
+        StartStates(dataset, PendulumTask(), {"vistied": 1})
+    for weights in ({}, {"initial": 0}):
+        with pytest.raises(ValueError, match=r"weights is .*: give at least one weight above 0"):
             StartStates(dataset, PendulumTask(), weights)
+    with pytest.raises(ValueError, match=r"weights is .*each value a finite number of at least 0"):
+        StartStates(dataset, PendulumTask(), {"initial": 2, "visited": -1})
 
 
 def test_an_exploding_model_is_held_near_the_data() -> None:

@@ -112,7 +112,7 @@ def test_a_new_episode_begins_without_the_old_plan() -> None:
 
 
 def test_a_horizon_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least 1 step"):
+    with pytest.raises(ValueError, match="horizon is 0"):
         policy(CEM(), horizon=0)
 
 

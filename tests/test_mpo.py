@@ -91,7 +91,7 @@ def test_targets_look_several_steps_ahead() -> None:
 
 
 def test_bad_settings_say_what_to_do() -> None:
-    with pytest.raises(ValueError, match="at least 2 and 1"):
+    with pytest.raises(ValueError, match="num_samples is 1: give an integer of at least 2"):
         mpo(num_samples=1)
-    with pytest.raises(ValueError, match="positive bound"):
+    with pytest.raises(ValueError, match="epsilon_mean is -1"):
         mpo(epsilon_mean=-1.0)

@@ -84,7 +84,7 @@ def test_opens_a_window_without_a_screen(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_bad_arguments_say_what_to_do() -> None:
     with pytest.raises(ValueError, match=r"action_penalty is -0\.1"):
         gym.make(ENV_ID, action_penalty=-0.1)
-    with pytest.raises(ValueError, match="unknown render_mode 'ascii'"):
+    with pytest.raises(ValueError, match="render_mode is 'ascii': give 'human' or 'rgb_array'"):
         gym.make(ENV_ID, render_mode="ascii")
 
 

@@ -163,7 +163,11 @@ def test_the_first_episode_of_a_round_was_promised() -> None:
 @pytest.mark.parametrize("wanted", [0, 5])
 def test_more_environments_than_there_are_are_refused_before_any_real_step(wanted: int) -> None:
     env = walks()
-    message = "real_envs is 0: give at least 1" if wanted == 0 else r"real_envs is 5, .* environments 4: .* at most 4"
+    message = (
+        "real_envs is 0: give an integer of at least 1"
+        if wanted == 0
+        else r"real_envs is 5, .* environments 4: .* at most 4"
+    )
     with pytest.raises(ValueError, match=message):
         small_sac(env).learn(80, callback=small_callback(real_envs=wanted))
     assert env.get_attr("total_steps") == [0] * 4

@@ -13,12 +13,14 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import ClipAction
 
+from sb3_hucrl.checks import Natural, validated
 from sb3_hucrl.spaces import require_action, require_bounded_box, require_vector_observation, widen
 from sb3_hucrl.tasks.registry import find_task
 
 Array = npt.NDArray[np.float32]
 
 
+@validated
 class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
     Extends the action from a to (a, a′). ``step`` passes only a to the real environment and stores a′ in
@@ -30,7 +32,7 @@ class HallucinationWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArg
     :raises ValueError: if the environment has other spaces, or room for a′ already
     """
 
-    def __init__(self, env: gym.Env[Any, Any], hallucinated_dim: int | None = None) -> None:
+    def __init__(self, env: gym.Env[Any, Any], hallucinated_dim: Natural | None = None) -> None:
         RecordConstructorArgs.__init__(self, hallucinated_dim=hallucinated_dim)
         super().__init__(env)
         if env.has_wrapper_attr("hallucinated_dim"):

@@ -10,6 +10,7 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from sb3_hucrl.checks import Seed, validated
 from sb3_hucrl.imagination import Array, Trajectories, World
 from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_observation
 
@@ -18,6 +19,7 @@ from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_obs
 LONG_STEPS, LONG_EPISODES = 5_000, 20
 
 
+@validated
 class ImaginationVecEnv(VecEnvWrapper):
     """
     Passes everything through to the real environments, until :meth:`imagine` puts a learned world in their place.
@@ -62,7 +64,8 @@ class ImaginationVecEnv(VecEnvWrapper):
         """The imagined trajectories, or None while the environments are the real ones."""
         return self._trajectories
 
-    def imagine(self, world: World, seed: int | None = None, is_training: Callable[[], bool] | None = None) -> None:
+    @validated
+    def imagine(self, world: World, seed: Seed | None = None, is_training: Callable[[], bool] | None = None) -> None:
         """
         Switch into imagination; call ``reset()`` next.
 

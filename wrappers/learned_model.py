@@ -8,10 +8,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.imagination import Array, World
 from sb3_hucrl.spaces import require_action, require_vector_observation
 
 
+@validated
 class LearnedModelEnv(gym.Env[Any, Any]):
     """
     One imagined trajectory at a time: the same imagination as :class:`ImaginationVecEnv`, for other libraries and for

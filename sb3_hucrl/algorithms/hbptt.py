@@ -9,15 +9,17 @@ from typing import Any
 
 import torch as th
 from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
-from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.sac.policies import SACPolicy
 from torch.distributions import Normal, kl_divergence
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 
+from sb3_hucrl.algorithms.arguments import Environment
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
 from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
+from sb3_hucrl.checks import Count, NotNegative, Positive, validated
 from sb3_hucrl.imagination import World
 
 
@@ -36,6 +38,7 @@ class Performance:
     first_log_prob: th.Tensor
 
 
+@validated
 class HBPTT(ImaginingSAC):
     """
     H-BPTT (Algorithm 4): the policy follows the gradient of the imagined return through model, reward and policy. The
@@ -60,18 +63,13 @@ class HBPTT(ImaginingSAC):
     def __init__(
         self,
         policy: str | type[SACPolicy],
-        env: GymEnv | str,
-        horizon: int = 8,
-        kl_weight: float = 0.0,
-        policy_delay: int = 2,
-        max_grad_norm: float = 40.0,
+        env: Environment,
+        horizon: Count = 8,
+        kl_weight: NotNegative = 0.0,
+        policy_delay: Count = 2,
+        max_grad_norm: Positive = 40.0,
         **kwargs: Any,
     ) -> None:
-        if min(horizon, policy_delay) < 1 or not kl_weight >= 0 or not max_grad_norm > 0:
-            raise ValueError(
-                f"horizon is {horizon}, policy_delay {policy_delay}, kl_weight {kl_weight}, max_grad_norm "
-                f"{max_grad_norm}: give at least 1, at least 1, at least 0, and a positive number"
-            )
         self.horizon, self.kl_weight = horizon, kl_weight
         self.policy_delay, self.max_grad_norm = policy_delay, max_grad_norm
         super().__init__(policy, env, **kwargs)

@@ -9,9 +9,11 @@ import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, PyTorchObs
+from stable_baselines3.common.type_aliases import MaybeCallback, PyTorchObs
 from typing_extensions import Self
 
+from sb3_hucrl.algorithms.arguments import Environment
+from sb3_hucrl.checks import Count, Natural, Seed, validated
 from sb3_hucrl.imagination import Learned, WorldRecipe
 from sb3_hucrl.planning import MPCPolicy, PlanningSettings
 
@@ -23,6 +25,7 @@ class NoPolicy(BasePolicy):
         raise NotImplementedError("H-MPC has no policy: call predict() of the algorithm")
 
 
+@validated
 class HMPC(BaseAlgorithm):
     """
     H-MPC (appendix C.2): every action is planned in the dynamics model that :class:`sb3_hucrl.HUCRLCallback` learns,
@@ -47,11 +50,11 @@ class HMPC(BaseAlgorithm):
     def __init__(
         self,
         policy: str | type[NoPolicy],
-        env: GymEnv | str | None,
-        stats_window_size: int = 100,
+        env: Environment,
+        stats_window_size: Count = 100,
         tensorboard_log: str | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
+        verbose: Natural = 0,
+        seed: Seed | None = None,
         device: th.device | str = "auto",
         _init_setup_model: bool = True,
     ) -> None:

@@ -6,12 +6,14 @@ from typing import Any, Literal
 
 import torch as th
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.type_aliases import GymEnv, ReplayBufferSamples
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 
+from sb3_hucrl.algorithms.arguments import Environment
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
 from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
+from sb3_hucrl.checks import Count, validated
 
 #: added to the variance of a horizon's target, so that one that is certain by chance does not get all the weight
 SMALLEST_VARIANCE = 1e-8
@@ -37,6 +39,7 @@ class ExpandedReplayBuffer(ReplayBuffer):
         return ReplayBufferSamples(*(each[rows] for each in self._expanded if each is not None))
 
 
+@validated
 class HMVE(ImaginingSAC):
     """
     H-MVE (Algorithm 5): SAC whose critics learn from N imagined steps plus the target critics' value after them. These
@@ -58,16 +61,12 @@ class HMVE(ImaginingSAC):
     def __init__(
         self,
         policy: str | type[SACPolicy],
-        env: GymEnv | str,
-        horizon: int = 4,
+        env: Environment,
+        horizon: Count = 4,
         weighting: Literal["none", "steve"] = "none",
-        num_rollouts: int = 4,
+        num_rollouts: Count = 4,
         **kwargs: Any,
     ) -> None:
-        if min(horizon, num_rollouts) < 1:
-            raise ValueError(f"horizon is {horizon}, num_rollouts {num_rollouts}: give at least 1")
-        if weighting not in ("none", "steve"):
-            raise ValueError(f"unknown weighting {weighting!r}: choose 'none' or 'steve'")
         self.horizon, self.weighting, self.num_rollouts = horizon, weighting, num_rollouts
         super().__init__(policy, env, **kwargs)
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch as th
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import polyak_update
 from torch.nn.functional import softplus
 from torch.nn.utils import clip_grad_norm_
 
+from sb3_hucrl.algorithms.arguments import Environment, GradientSteps, TrainFrequency
 from sb3_hucrl.algorithms.critic_ensemble import CriticEnsemble, EnsemblePolicy
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
 from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
+from sb3_hucrl.checks import ArgumentError, Count, Natural, NotNegative, Positive, Real, validated
 from sb3_hucrl.imagination import World
 
 
@@ -37,6 +39,7 @@ class Expansion:
     first_log_prob: th.Tensor
 
 
+@validated
 class HSVG(ImaginingSAC):
     """
     H-SVG: the critics learn from N imagined steps plus the target critics' value after them (Algorithm 5), and the
@@ -64,24 +67,19 @@ class HSVG(ImaginingSAC):
     def __init__(
         self,
         policy: str | type[EnsemblePolicy],
-        env: GymEnv | str,
-        learning_rate: float = 1e-3,
-        horizon: int = 5,
-        critic_updates: int = 250,
-        max_grad_norm: float = 40.0,
-        ent_coef: str | float = "auto_0.1",
-        target_entropy: str | float = "auto",
-        train_freq: int = 20,
-        gradient_steps: int = 20,
+        env: Environment,
+        learning_rate: Positive | Schedule = 1e-3,
+        horizon: Count = 5,
+        critic_updates: Natural = 250,
+        max_grad_norm: Positive = 40.0,
+        ent_coef: str | NotNegative = "auto_0.1",
+        target_entropy: Real | Literal["auto"] = "auto",
+        train_freq: TrainFrequency = 20,
+        gradient_steps: GradientSteps = 20,
         **kwargs: Any,
     ) -> None:
-        if horizon < 1 or critic_updates < 0 or not max_grad_norm > 0:
-            raise ValueError(
-                f"horizon is {horizon}, critic_updates {critic_updates}, max_grad_norm {max_grad_norm}: give at least "
-                "1, at least 0, and a positive number"
-            )
         if kwargs.get("gamma") == 1:
-            raise ValueError("gamma is 1: H-SVG bounds values by rewards / (1 - gamma), so give less than 1")
+            raise ArgumentError.of_value("gamma", 1, "less than 1: H-SVG bounds values by rewards / (1 - gamma)")
         self.horizon, self.critic_updates, self.max_grad_norm = horizon, critic_updates, max_grad_norm
         self.chooses_target_entropy = target_entropy == "auto"
         super().__init__(

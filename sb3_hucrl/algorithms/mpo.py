@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import torch as th
 from gymnasium import spaces
+from pydantic import Field
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, ReplayBufferSamples, Schedule
+from stable_baselines3.common.type_aliases import MaybeCallback, ReplayBufferSamples, Schedule
 from stable_baselines3.common.utils import polyak_update
 from torch.distributions import Normal
 from torch.nn.functional import mse_loss
 from torch.nn.utils import clip_grad_norm_
 from typing_extensions import Self
 
+from sb3_hucrl.algorithms.arguments import Environment, GradientSteps, TrainFrequency
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
 from sb3_hucrl.algorithms.mpo_loss import MPOLoss
+from sb3_hucrl.checks import Count, Fraction, Natural, NotNegative, Positive, Seed, validated
+
+Samples: TypeAlias = Annotated[int, Field(ge=2, description="an integer of at least 2")]
 
 
+@validated
 class MPO(OffPolicyAlgorithm):
     """
     MPO (Abdolmaleki et al. 2018): actions of the old policy are weighted by their values (E-step), and the new policy
@@ -63,38 +69,36 @@ class MPO(OffPolicyAlgorithm):
     def __init__(
         self,
         policy: str | type[GaussianPolicy],
-        env: GymEnv | str,
-        learning_rate: float | Schedule = 1e-3,
-        buffer_size: int = 1_000_000,
-        learning_starts: int = 100,
-        batch_size: int = 256,
-        tau: float = 0.005,
-        gamma: float = 0.99,
-        train_freq: int | tuple[int, str] = 1,
-        gradient_steps: int = 1,
+        env: Environment,
+        learning_rate: NotNegative | Schedule = 1e-3,
+        buffer_size: Count = 1_000_000,
+        learning_starts: Natural = 100,
+        batch_size: Count = 256,
+        tau: Fraction = 0.005,
+        gamma: Fraction = 0.99,
+        train_freq: TrainFrequency = 1,
+        gradient_steps: GradientSteps = 1,
         replay_buffer_class: type[ReplayBuffer] | None = None,
         replay_buffer_kwargs: dict[str, Any] | None = None,
-        n_steps: int = 1,
-        num_samples: int = 20,
-        epsilon: float = 0.1,
-        epsilon_mean: float = 0.01,
-        epsilon_std: float = 1e-4,
-        dual_learning_rate: float = 1e-2,
-        policy_interval: int = 100,
-        max_grad_norm: float = 40.0,
-        stats_window_size: int = 100,
+        n_steps: Count = 1,
+        num_samples: Samples = 20,
+        epsilon: Positive = 0.1,
+        epsilon_mean: Positive = 0.01,
+        epsilon_std: Positive = 1e-4,
+        dual_learning_rate: Positive = 1e-2,
+        policy_interval: Count = 100,
+        max_grad_norm: Positive = 40.0,
+        stats_window_size: Count = 100,
         tensorboard_log: str | None = None,
         policy_kwargs: dict[str, Any] | None = None,
-        verbose: int = 0,
-        seed: int | None = None,
+        verbose: Natural = 0,
+        seed: Seed | None = None,
         device: th.device | str = "auto",
         _init_setup_model: bool = True,
     ) -> None:
-        if min(num_samples - 1, policy_interval) < 1:
-            raise ValueError(f"num_samples is {num_samples}, policy_interval {policy_interval}: give at least 2 and 1")
         super().__init__(
             policy,
-            env,
+            env,  # type: ignore[arg-type]  # None where load() calls it
             learning_rate,
             buffer_size,
             learning_starts,

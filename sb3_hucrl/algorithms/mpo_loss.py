@@ -9,6 +9,8 @@ from torch import nn
 from torch.distributions import Normal
 from torch.nn.functional import softplus
 
+from sb3_hucrl.checks import Positive, validated
+
 #: lower bound of the dual variables, whose gradient vanishes at 0
 SMALLEST = 1e-8
 
@@ -57,6 +59,7 @@ def split_kl(old: Normal, new: Normal) -> tuple[th.Tensor, th.Tensor]:
     return by_mean.sum(dim=1), by_std.sum(dim=1)
 
 
+@validated
 class MPOLoss(nn.Module):
     """
     The three dual variables of MPO, and the losses in which they appear.
@@ -67,12 +70,8 @@ class MPOLoss(nn.Module):
     :raises ValueError: if a bound is not positive
     """
 
-    def __init__(self, epsilon: float, epsilon_mean: float, epsilon_std: float) -> None:
+    def __init__(self, epsilon: Positive, epsilon_mean: Positive, epsilon_std: Positive) -> None:
         super().__init__()
-        bounds = {"epsilon": epsilon, "epsilon_mean": epsilon_mean, "epsilon_std": epsilon_std}
-        for name, bound in bounds.items():
-            if not bound > 0:
-                raise ValueError(f"{name} is {bound}: give a positive bound, in nats")
         self._epsilon, self._epsilon_mean, self._epsilon_std = epsilon, epsilon_mean, epsilon_std
         # Through softplus: about 1, 1 and 10.
         self._temperature = nn.Parameter(th.tensor(0.5))

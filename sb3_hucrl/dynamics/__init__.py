@@ -7,6 +7,7 @@ from typing import Any
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction, Predictor
 from sb3_hucrl.dynamics.ensemble import DeterministicEnsemble, ProbabilisticEnsemble
 from sb3_hucrl.registry import Registry
@@ -40,11 +41,12 @@ DYNAMICS: Registry[DynamicsModel] = Registry(
 LEARNED = tuple(name for name in DYNAMICS if name != "truth")
 
 
+@validated
 def make_dynamics(
     name: str,
-    state_dim: int,
-    action_dim: int,
-    angle_dims: Sequence[int],
+    state_dim: Count,
+    action_dim: Count,
+    angle_dims: Sequence[Natural],
     generator: th.Generator,
     **kwargs: Any,
 ) -> DynamicsModel:

@@ -9,6 +9,7 @@ from itertools import chain
 import torch as th
 from torch import nn
 
+from sb3_hucrl.checks import ArgumentError, Count, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.calibration import Calibration
 
@@ -50,6 +51,7 @@ class FitReport:
     calibration: Calibration
 
 
+@validated
 class Predictor(nn.Module, ABC):
     """
     Predicts s_{n+1} = f(s_n, a_n) + ω_n. Imagination needs nothing else.
@@ -58,7 +60,7 @@ class Predictor(nn.Module, ABC):
     :param action_dim: q, without the hallucinated dimensions
     """
 
-    def __init__(self, state_dim: int, action_dim: int) -> None:
+    def __init__(self, state_dim: Count, action_dim: Count) -> None:
         super().__init__()
         self.state_dim = state_dim
         self.action_dim = action_dim
@@ -105,10 +107,7 @@ class DynamicsModel(Predictor):
         :param num_samples: number of functions; function i modulo ``num_samples`` predicts row i of a batch
         :raises ValueError: if the model cannot draw samples
         """
-        raise ValueError(
-            f"{type(self).__name__} has no posterior samples, which Thompson sampling and the propagations 'ts1' and "
-            "'tsinf' need: use another dynamics model or another exploration"
-        )
+        raise lacking(self, "sample_posterior")
 
     def resampled(self, generator: th.Generator) -> Predictor:
         """
@@ -127,15 +126,42 @@ class DynamicsModel(Predictor):
         :param norm_bound: B, bound on the RKHS norm of the true (standardised) dynamics
         :raises ValueError: unless the model is a Gaussian process or has Fourier features
         """
-        raise ValueError(
-            f"beta 'theory' needs a Gaussian process or Fourier features, not {type(self).__name__}: give beta a number"
-        )
+        raise lacking(self, "confidence_width")
 
     def diagnostics(self) -> dict[str, float]:
         """
         :return: values to log after each refit, by name
         """
         return {}
+
+
+def lacking(model: DynamicsModel, ability: str) -> ValueError:
+    """
+    :param model: that does not override a method of :class:`DynamicsModel`
+    :param ability: the method
+    :return: the error of calling it
+    """
+    name = type(model).__name__
+    if ability == "confidence_width":
+        return ArgumentError(
+            "beta", f"is 'theory', which needs a Gaussian process or Fourier features, not {name}: give a number"
+        )
+    return ValueError(
+        f"{name} has no posterior samples, which Thompson sampling and the propagations 'ts1' and 'tsinf' need: use "
+        "another dynamics model or another exploration"
+    )
+
+
+def require_ability(model: DynamicsModel, ability: str) -> None:
+    """
+    Raise the error of calling a method before anything depends on it.
+
+    :param model: fitted or not
+    :param ability: a method that :class:`DynamicsModel` does not have to have
+    :raises ValueError: if the model does not override it
+    """
+    if getattr(type(model), ability) is getattr(DynamicsModel, ability):
+        raise lacking(model, ability)
 
 
 class Resampled(Predictor):

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import math
 
+from sb3_hucrl.checks import NotNegative, Probability, validated
 
-def confidence_width(information_gain: float, noise_std: float, delta: float, norm_bound: float) -> float:
+
+@validated
+def confidence_width(
+    information_gain: NotNegative, noise_std: NotNegative, delta: Probability, norm_bound: NotNegative
+) -> float:
     """
     β_t = B + 4σ √(I(y; f) + 1 + ln(1/δ)) (Lemmas 10 and 11; Chowdhury and Gopalan 2017).
 

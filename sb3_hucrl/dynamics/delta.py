@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction, Predictor
 from sb3_hucrl.dynamics.calibration import Calibration, gaussian_nll, recalibration_scale
 from sb3_hucrl.dynamics.encoding import Standardiser, StateFeatures
-
-
-def require_positive(**values: float) -> None:
-    """
-    :param values: numbers by name
-    :raises ValueError: unless all are positive and finite
-    """
-    for name, value in values.items():
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name} is {value}: give a positive number")
 
 
 @dataclass(frozen=True)
@@ -40,6 +30,7 @@ class Moments:
     aleatoric_std: th.Tensor
 
 
+@validated
 class DeltaModel(DynamicsModel):
     """
     Predicts the difference of successive states from inputs (state features, action). Inputs and targets are
@@ -53,7 +44,7 @@ class DeltaModel(DynamicsModel):
 
     std_scale: th.Tensor
 
-    def __init__(self, state_dim: int, action_dim: int, angle_dims: Sequence[int], recalibrate: bool) -> None:
+    def __init__(self, state_dim: Count, action_dim: Count, angle_dims: Sequence[Natural], recalibrate: bool) -> None:
         super().__init__(state_dim, action_dim)
         self.recalibrate = recalibrate
         self.features = StateFeatures(state_dim, angle_dims)

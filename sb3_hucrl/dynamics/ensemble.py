@@ -6,10 +6,12 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import torch as th
+from pydantic import Field
 
+from sb3_hucrl.checks import Count, Natural, NotNegative, Positive, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, SampledModel
@@ -18,8 +20,10 @@ from sb3_hucrl.progress import progress_bar
 
 # Bounds of the noise variance of a standardised target: its noise std is 0.7 % to 160 % of its own std.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
+Members: TypeAlias = Annotated[int, Field(ge=2, description="an integer of at least 2: one member cannot disagree")]
 
 
+@validated
 class Ensemble(DeltaModel):
     """
     M independent networks, each of which predicts the standardised state difference.
@@ -50,23 +54,21 @@ class Ensemble(DeltaModel):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        num_members: int = 5,
-        net_arch: Sequence[int] = (64, 64),
-        learning_rate: float = 1e-3,
-        batch_size: int = 64,
-        gradient_steps: int = 1_000,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        num_members: Members = 5,
+        net_arch: Sequence[Count] = (64, 64),
+        learning_rate: Positive = 1e-3,
+        batch_size: Count = 64,
+        gradient_steps: Count = 1_000,
         layer_norm: bool = False,
-        weight_decay: float = 0.0,
+        weight_decay: NotNegative = 0.0,
         bootstrap: bool = True,
         recalibrate: bool = False,
         generator: th.Generator | None = None,
     ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, recalibrate)
-        if num_members < 2:
-            raise ValueError(f"num_members is {num_members}: disagreement needs at least 2 members")
         self.num_members = num_members
         self.learning_rate = learning_rate
         self.batch_size = batch_size
@@ -201,6 +203,7 @@ class ProbabilisticEnsemble(Ensemble):
         return outputs.sigmoid().mul(MAX_VARIANCE).add(MIN_VARIANCE)
 
 
+@validated
 class DeterministicEnsemble(Ensemble):
     """
     Each member predicts a point by least squares. The aleatoric noise is constant: the training residuals' variance.
@@ -210,7 +213,9 @@ class DeterministicEnsemble(Ensemble):
     outputs_per_dim = 1
     residual_variance: th.Tensor
 
-    def __init__(self, state_dim: int, action_dim: int, angle_dims: Sequence[int] = (), **settings: Any) -> None:
+    def __init__(
+        self, state_dim: Count, action_dim: Count, angle_dims: Sequence[Natural] = (), **settings: Any
+    ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, **settings)
         self.register_buffer("residual_variance", th.full((state_dim,), MIN_VARIANCE))
 

@@ -7,13 +7,15 @@ from typing import Any
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, Positive, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.confidence import confidence_width
-from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
-from sb3_hucrl.dynamics.fourier import FourierFeatures, quadrature_features, random_features
+from sb3_hucrl.dynamics.delta import DeltaModel, Moments
+from sb3_hucrl.dynamics.fourier import FourierFeatures, Pairs, quadrature_features, random_features
 from sb3_hucrl.dynamics.linear import BayesianLinearRegression
 
 
+@validated
 class FeatureModel(DeltaModel):
     """
     A Gaussian process in weight space with the kernel φ(x)ᵀφ(x′). Its cost per prediction does not grow with the data.
@@ -39,17 +41,16 @@ class FeatureModel(DeltaModel):
     def __init__(
         self,
         features: Callable[[int, float, th.Generator | None], FourierFeatures],
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        lengthscale: float = 10.0,
-        outputscale: float = 3.0,
-        noise_std: float = 0.01,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        lengthscale: Positive = 10.0,
+        outputscale: Positive = 3.0,
+        noise_std: Positive = 0.01,
         recalibrate: bool = False,
         generator: th.Generator | None = None,
     ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, recalibrate)
-        require_positive(outputscale=outputscale, noise_std=noise_std)
         self.fourier = features(self.input_dim, lengthscale, generator)
         self.noise_std = noise_std
         self.regression = BayesianLinearRegression(self.fourier.num_features, state_dim, outputscale**2, noise_std)
@@ -109,6 +110,7 @@ class FeatureModel(DeltaModel):
         return {"information_gain": self.information_gain()}
 
 
+@validated
 class RandomFourierModel(FeatureModel):
     """
     Feature model with random Fourier features.
@@ -122,10 +124,10 @@ class RandomFourierModel(FeatureModel):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        num_features: int = 1_296,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        num_features: Pairs = 1_296,
         **settings: Any,
     ) -> None:
         def features(input_dim: int, lengthscale: float, generator: th.Generator | None) -> FourierFeatures:
@@ -134,6 +136,7 @@ class RandomFourierModel(FeatureModel):
         super().__init__(features, state_dim, action_dim, angle_dims, **settings)
 
 
+@validated
 class QuadratureFourierModel(FeatureModel):
     """
     Feature model with quadrature Fourier features, for at most four or five input dimensions.
@@ -148,10 +151,10 @@ class QuadratureFourierModel(FeatureModel):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        nodes_per_dim: int = 5,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        nodes_per_dim: Count = 5,
         **settings: Any,
     ) -> None:
         def features(input_dim: int, lengthscale: float, generator: th.Generator | None) -> FourierFeatures:

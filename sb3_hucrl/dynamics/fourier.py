@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import torch as th
+from pydantic import Field
 from torch import nn
 
-from sb3_hucrl.dynamics.delta import require_positive
+from sb3_hucrl.checks import ArgumentError, Count, Positive, validated
 
 #: largest number of quadrature features, because a matrix of this size is stored and factorised
 MAX_FEATURES = 5_000
+#: a sine and a cosine for each frequency
+Pairs: TypeAlias = Annotated[
+    int, Field(ge=2, multiple_of=2, description="an even number of at least 2, for sines and cosines")
+]
 
 
 class FourierFeatures(nn.Module):
@@ -40,8 +46,9 @@ class FourierFeatures(nn.Module):
         return th.cat([phase.cos() * self.amplitudes, phase.sin() * self.amplitudes], dim=-1)
 
 
+@validated
 def random_features(
-    input_dim: int, num_features: int, lengthscale: float, generator: th.Generator | None
+    input_dim: Count, num_features: Pairs, lengthscale: Positive, generator: th.Generator | None
 ) -> FourierFeatures:
     """
     Random Fourier features (Rahimi and Recht 2008): frequencies are drawn from the kernel's spectral density
@@ -51,16 +58,13 @@ def random_features(
     :param num_features: number of features, even
     :param lengthscale: l
     :param generator: draws the frequencies
-    :raises ValueError: if the number of features is odd or not positive, or the lengthscale is not positive
     """
-    require_positive(lengthscale=lengthscale)
-    if num_features < 2 or num_features % 2:
-        raise ValueError(f"num_features is {num_features}: random features come in pairs, so give an even number")
     frequencies = th.randn(num_features // 2, input_dim, generator=generator, dtype=th.float64) / lengthscale
     return FourierFeatures(frequencies, th.full((len(frequencies),), 1 / len(frequencies)))
 
 
-def quadrature_features(input_dim: int, nodes_per_dim: int, lengthscale: float) -> FourierFeatures:
+@validated
+def quadrature_features(input_dim: Count, nodes_per_dim: Count, lengthscale: Positive) -> FourierFeatures:
     """
     Quadrature Fourier features (Mutny and Krause 2018): Gauss-Hermite nodes of the spectral density, on a grid.
 
@@ -70,13 +74,13 @@ def quadrature_features(input_dim: int, nodes_per_dim: int, lengthscale: float) 
     :param input_dim: d
     :param nodes_per_dim: grid points per input dimension
     :param lengthscale: l
-    :raises ValueError: if the grid has too many points, or the lengthscale is not positive
+    :raises ArgumentError: if the grid has too many points
     """
-    require_positive(lengthscale=lengthscale)
-    if nodes_per_dim < 1 or nodes_per_dim**input_dim > MAX_FEATURES:
-        raise ValueError(
-            f"{nodes_per_dim} nodes in each of {input_dim} input dimensions are {nodes_per_dim**input_dim} quadrature "
-            f"features, but 1 to {MAX_FEATURES} are allowed: change nodes_per_dim, or use dynamics 'rff'"
+    if nodes_per_dim**input_dim > MAX_FEATURES:
+        raise ArgumentError(
+            "nodes_per_dim",
+            f"is {nodes_per_dim}, which makes {nodes_per_dim**input_dim} features of {input_dim} inputs: give so few "
+            f"that there are at most {MAX_FEATURES}, or use dynamics 'rff'",
         )
     nodes, weights = (th.from_numpy(values) for values in np.polynomial.hermite.hermgauss(nodes_per_dim))
     # Makes the nodes exactly symmetric, with an exact zero in the middle.

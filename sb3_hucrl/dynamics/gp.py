@@ -9,10 +9,11 @@ from typing import Any, Protocol
 import torch as th
 from gpytorch.kernels import Kernel
 
+from sb3_hucrl.checks import Count, Natural, Positive, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.cholesky import safe_cholesky
 from sb3_hucrl.dynamics.confidence import confidence_width
-from sb3_hucrl.dynamics.delta import DeltaModel, Moments, require_positive
+from sb3_hucrl.dynamics.delta import DeltaModel, Moments
 from sb3_hucrl.dynamics.hyperparameters import maximise_marginal_likelihood, rbf_kernel
 
 #: number of random frequencies in the prior part of a sampled function
@@ -115,6 +116,7 @@ class ExactPosterior:
         return float(gains.sum(dim=-1).expand(len(self.targets)).sum())
 
 
+@validated
 class GaussianProcess(DeltaModel):
     """
     Independent Gaussian processes with the squared exponential kernel, zero prior mean and constant noise.
@@ -141,18 +143,17 @@ class GaussianProcess(DeltaModel):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        lengthscale: float = 10.0,
-        outputscale: float = 3.0,
-        noise_std: float = 0.01,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        lengthscale: Positive = 10.0,
+        outputscale: Positive = 3.0,
+        noise_std: Positive = 0.01,
         optimize_hyperparameters: bool = False,
         recalibrate: bool = False,
         generator: th.Generator | None = None,
     ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, recalibrate)
-        require_positive(lengthscale=lengthscale, outputscale=outputscale, noise_std=noise_std)
         self.optimize_hyperparameters = optimize_hyperparameters
         shape = th.Size([state_dim if optimize_hyperparameters else 1])
         self.kernel = rbf_kernel(shape, self.input_dim, lengthscale, outputscale)
@@ -254,6 +255,7 @@ class GaussianProcess(DeltaModel):
         return {**self.__dict__, "_posterior": None}
 
 
+@validated
 class ExactGP(GaussianProcess):
     """
     Gaussian processes that keep all n training transitions: a fit takes O(n³) time and O(n²) memory.
@@ -264,10 +266,10 @@ class ExactGP(GaussianProcess):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        max_points: int = 5_000,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        max_points: Count = 5_000,
         **settings: Any,
     ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, **settings)

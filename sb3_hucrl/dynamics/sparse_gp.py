@@ -9,6 +9,7 @@ from typing import Any
 import torch as th
 from gpytorch.kernels import Kernel
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.dynamics.cholesky import safe_cholesky
 from sb3_hucrl.dynamics.gp import GaussianProcess, Posterior
 
@@ -117,6 +118,7 @@ def choose_inducing_points(kernel: Kernel, inputs: th.Tensor, num_points: int, t
     return th.tensor(chosen, device=inputs.device)
 
 
+@validated
 class SparseGP(GaussianProcess):
     """
     Gaussian processes that approximate the posterior with m inducing points, chosen from the n transitions in each fit,
@@ -132,15 +134,13 @@ class SparseGP(GaussianProcess):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
-        num_inducing: int = 300,
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
+        num_inducing: Count = 300,
         **settings: Any,
     ) -> None:
         super().__init__(state_dim, action_dim, angle_dims, **settings)
-        if num_inducing < 1:
-            raise ValueError(f"num_inducing is {num_inducing}: give at least 1")
         self.num_inducing = num_inducing
 
     def _condition(self, inputs: th.Tensor, targets: th.Tensor) -> Posterior:

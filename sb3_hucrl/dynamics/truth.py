@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 
+from sb3_hucrl.checks import ArgumentError, Count, Natural, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction
 from sb3_hucrl.dynamics.calibration import Calibration
@@ -26,6 +27,7 @@ class SettableEnv(Protocol):
     ) -> tuple[npt.NDArray[np.float32], float, bool, bool, dict[str, Any]]: ...
 
 
+@validated
 class TrueDynamics(DynamicsModel):
     """
     Predicts without uncertainty by stepping a real environment. There is nothing to fit.
@@ -43,15 +45,15 @@ class TrueDynamics(DynamicsModel):
 
     def __init__(
         self,
-        state_dim: int,
-        action_dim: int,
-        angle_dims: Sequence[int] = (),
+        state_dim: Count,
+        action_dim: Count,
+        angle_dims: Sequence[Natural] = (),
         env: str = "",
         generator: th.Generator | None = None,
     ) -> None:
         super().__init__(state_dim, action_dim)
         if not env:
-            raise ValueError("dynamics 'truth' needs the environment: dynamics_kwargs: {env: HUCRL-Pendulum-v0}")
+            raise ArgumentError("env", "is missing: give the environment, dynamics_kwargs: {env: HUCRL-Pendulum-v0}")
         self.env_id = env
         self._make()
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 
+from sb3_hucrl.checks import Natural, validated
 from sb3_hucrl.envs.twins import follow_registrations, register_twins
 from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.registry import find_task
@@ -37,8 +38,9 @@ MAX_EPISODE_STEPS = {
 }
 
 
+@validated
 def make_env(
-    env_id: str, hallucinate: bool = True, hallucinated_dim: int | None = None, **kwargs: Any
+    env_id: str, hallucinate: bool = True, hallucinated_dim: Natural | None = None, **kwargs: Any
 ) -> gym.Env[Any, Any]:
     """
     Entry point of all environments of this package.

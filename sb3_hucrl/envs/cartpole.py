@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, set_damping
+from sb3_hucrl.checks import NotNegative, validated
+from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, RenderMode, set_damping
 from sb3_hucrl.tasks.cartpole import POLE_LENGTH, CartPoleTask
 
 
@@ -46,6 +47,7 @@ def cartpole_spec() -> mujoco.MjSpec:
     return spec
 
 
+@validated
 class CartPoleEnv(MujocoTaskEnv):
     """
     Observation (sin θ, cos θ, x, ẋ, θ̇) with θ = 0 hanging; action in [-3, 3], times 100 N.
@@ -66,7 +68,7 @@ class CartPoleEnv(MujocoTaskEnv):
         "azimuth": 90.0,
     }
 
-    def __init__(self, action_penalty: float = 0.05, render_mode: str | None = None) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.05, render_mode: RenderMode | None = None) -> None:
         super().__init__(cartpole_spec(), 2, 5, action_penalty, render_mode)
         self.task = CartPoleTask(action_penalty)
 

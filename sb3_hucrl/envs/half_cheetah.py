@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, load_asset
+from sb3_hucrl.checks import NotNegative, validated
+from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, RenderMode, load_asset
 from sb3_hucrl.tasks.half_cheetah import HalfCheetahTask
 
 TOTAL_MASS = 14.0
@@ -24,6 +25,7 @@ def half_cheetah_spec() -> mujoco.MjSpec:
     return spec
 
 
+@validated
 class HalfCheetahEnv(MujocoTaskEnv):
     """
     A robot that is rewarded for running, up to a speed of 10 m/s.
@@ -39,7 +41,7 @@ class HalfCheetahEnv(MujocoTaskEnv):
 
     camera: ClassVar[dict[str, Any]] = {"distance": 4.0}
 
-    def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1, render_mode: RenderMode | None = None) -> None:
         super().__init__(half_cheetah_spec(), 5, 24, action_penalty, render_mode)
         self.task = HalfCheetahTask(action_penalty)
         mujoco.mj_setTotalmass(self.model, TOTAL_MASS)

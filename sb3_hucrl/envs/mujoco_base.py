@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import gymnasium as gym
 import gymnasium.envs.mujoco
@@ -14,11 +14,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
 
-from sb3_hucrl.envs.arguments import require_valid
+from sb3_hucrl.checks import Count, NotNegative, validated
 from sb3_hucrl.spaces import require_action
 
 Array = npt.NDArray[np.float32]
 SIZE = 480
+RenderMode: TypeAlias = Literal["human", "rgb_array"]
 
 
 def load_asset(name: str) -> mujoco.MjSpec:
@@ -39,6 +40,7 @@ def set_damping(joint: Any, damping: float) -> None:
     joint.damping = damping if np.ndim(joint.damping) == 0 else [damping, 0.0, 0.0]
 
 
+@validated
 class MujocoTaskEnv(gym.Env[Array, Array]):
     """
     A compiled MuJoCo model with an action penalty. Actions are clipped to the motors' range.
@@ -58,12 +60,11 @@ class MujocoTaskEnv(gym.Env[Array, Array]):
     def __init__(
         self,
         spec: mujoco.MjSpec,
-        frame_skip: int,
-        observation_dim: int,
-        action_penalty: float,
-        render_mode: str | None,
+        frame_skip: Count,
+        observation_dim: Count,
+        action_penalty: NotNegative,
+        render_mode: RenderMode | None,
     ) -> None:
-        require_valid(action_penalty, render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
         self.model = spec.compile()
         self.model.vis.global_.offwidth = self.model.vis.global_.offheight = SIZE

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from sb3_hucrl.envs.arguments import require_valid
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.envs.pendulum_render import PendulumRenderer
 from sb3_hucrl.spaces import require_action
 from sb3_hucrl.tasks.pendulum import PendulumTask
@@ -56,6 +56,7 @@ def integrate(theta: float, omega: float, torque: float) -> tuple[float, float]:
     )
 
 
+@validated
 class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
     """
     Observation (sin θ, cos θ, ω) with θ = 0 upright; action: a torque, clipped to [-1, 1] N m.
@@ -71,8 +72,9 @@ class PendulumEnv(gym.Env[npt.NDArray[np.float32], npt.NDArray[np.float32]]):
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 80}  # noqa: RUF012  # gymnasium's
 
-    def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
-        require_valid(action_penalty, render_mode, self.metadata["render_modes"])
+    def __init__(
+        self, action_penalty: NotNegative = 0.1, render_mode: Literal["human", "rgb_array"] | None = None
+    ) -> None:
         self.task = PendulumTask(action_penalty)
         self.render_mode = render_mode
         bound = np.array([1.0, 1.0, np.inf], dtype=np.float32)

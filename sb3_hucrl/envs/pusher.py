@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, load_asset
+from sb3_hucrl.checks import NotNegative, validated
+from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, RenderMode, load_asset
 from sb3_hucrl.tasks.pusher import PusherTask
 
 #: mean start position of the object on its sliders (y, x), in m
@@ -15,6 +16,7 @@ OBJECT_MEAN = (-0.25, 0.15)
 OBJECT_STD = 0.025
 
 
+@validated
 class PusherEnv(MujocoTaskEnv):
     """
     A seven-joint arm that is rewarded for pushing an object to a goal.
@@ -36,7 +38,7 @@ class PusherEnv(MujocoTaskEnv):
         "azimuth": 120.0,
     }
 
-    def __init__(self, action_penalty: float = 0.1, render_mode: str | None = None) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1, render_mode: RenderMode | None = None) -> None:
         super().__init__(load_asset("pusher_v5.xml"), 4, 27, action_penalty, render_mode)
         self.task = PusherTask(action_penalty)
 

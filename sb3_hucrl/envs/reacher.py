@@ -7,11 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.envs.arm import reacher_spec
-from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv
+from sb3_hucrl.envs.mujoco_base import MujocoTaskEnv, RenderMode
 from sb3_hucrl.tasks.reacher import GOAL_MEAN, GOAL_STD, ReacherTask, SparseReacherTask
 
 
+@validated
 class ReacherEnv(MujocoTaskEnv):
     """
     A seven-joint arm that is rewarded for bringing its tool point to a goal, drawn from N((0, 0.25, 0), 0.1²) at each
@@ -33,7 +35,7 @@ class ReacherEnv(MujocoTaskEnv):
         "azimuth": -120.0,
     }
 
-    def __init__(self, action_penalty: float = 0.01, render_mode: str | None = None) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.01, render_mode: RenderMode | None = None) -> None:
         super().__init__(reacher_spec(), 2, 24, action_penalty, render_mode)
         self.task = ReacherTask(action_penalty)
         self.goal = np.array(GOAL_MEAN)
@@ -59,6 +61,7 @@ class ReacherEnv(MujocoTaskEnv):
         return self.task.reward_formula(float(distance @ distance), effort)
 
 
+@validated
 class SparseReacherEnv(ReacherEnv):
     """
     The same arm with a reward that vanishes far from the goal: exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1).
@@ -68,6 +71,8 @@ class SparseReacherEnv(ReacherEnv):
     :param render_mode: ``"rgb_array"``, ``"human"`` or None
     """
 
-    def __init__(self, action_penalty: float = 0.1, action_scale: float = 1.0, render_mode: str | None = None) -> None:
+    def __init__(
+        self, action_penalty: NotNegative = 0.1, action_scale: NotNegative = 1.0, render_mode: RenderMode | None = None
+    ) -> None:
         super().__init__(action_penalty, render_mode)
         self.task = SparseReacherTask(action_penalty, action_scale)

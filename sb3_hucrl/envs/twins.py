@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec, WrapperSpec
 
+from sb3_hucrl.checks import Natural, validated
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
 from sb3_hucrl.wrappers.hallucination import HallucinationWrapper
 
@@ -19,6 +20,7 @@ class UnsupportedEnvironmentError(ValueError):
     """An environment has spaces for which there is no hallucination."""
 
 
+@validated
 @dataclass(frozen=True)
 class Twin:
     """
@@ -32,8 +34,9 @@ class Twin:
 
     original: EnvSpec
 
+    @validated
     def __call__(
-        self, hallucinate: bool = True, hallucinated_dim: int | None = None, **kwargs: Any
+        self, hallucinate: bool = True, hallucinated_dim: Natural | None = None, **kwargs: Any
     ) -> gym.Env[Any, Any]:
         """
         :param hallucinate: whether the action space includes a′, which the real environment ignores

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination.trajectories import Trajectories
 
@@ -16,6 +17,7 @@ Array = npt.NDArray[np.float32]
 BatchActor = Callable[[Array, npt.NDArray[np.bool_]], Array]
 
 
+@validated
 def imagine_episode(trajectory: Trajectories, act: BatchActor) -> Transitions:
     """
     One imagined episode, recorded as a real one would be.
@@ -43,6 +45,7 @@ def imagine_episode(trajectory: Trajectories, act: BatchActor) -> Transitions:
     return Transitions(visited[:-1], th.cat(actions), visited[1:], th.cat(rewards), ends)
 
 
+@validated
 def imagined_return(trajectories: Trajectories, act: BatchActor) -> float:
     """
     Return that a policy is promised, without exploration bonuses, so that it can be compared with real returns.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import torch as th
 
+from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import Predictor
 from sb3_hucrl.tasks.base import Task
 
 
+@validated
 @th.no_grad()
-def trusted_horizon(model: Predictor, dataset: TransitionDataset, task: Task, longest: int) -> int:
+def trusted_horizon(model: Predictor, dataset: TransitionDataset, task: Task, longest: Count) -> int:
     """
     Steps after which the errors of single steps would amount to one standard deviation of what is observed, if they
     added up. On a pendulum that is more than an episode, on a robot with contacts a few steps, as Janner et al. (2019,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import Predictor
 from sb3_hucrl.imagination.uncertainty import epistemic_limit
@@ -17,6 +18,7 @@ REACH = 10.0
 OUTCOME_REACH = 1.0
 
 
+@validated
 @dataclass(frozen=True)
 class Limits:
     """

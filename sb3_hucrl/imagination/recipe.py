@@ -9,6 +9,7 @@ from typing import Protocol
 import torch as th
 from gymnasium import spaces
 
+from sb3_hucrl.checks import Count, NotNegative, Positive, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import DynamicsModel, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
@@ -33,6 +34,7 @@ class Learned(Protocol):
         """A fresh seed."""
 
 
+@validated
 @dataclass(frozen=True)
 class WorldRecipe:
     """
@@ -51,9 +53,9 @@ class WorldRecipe:
     strategy: ExplorationStrategy
     task: Task
     action_space: spaces.Box
-    horizon: int
-    start_states: Mapping[str, float] | None = None
-    uncertainty_cap: float | None = None
+    horizon: Count
+    start_states: Mapping[str, NotNegative] | None = None
+    uncertainty_cap: Positive | None = None
     observation_space: spaces.Box | None = None
 
     def starts(self, learned: Learned) -> StartStates:
@@ -71,6 +73,7 @@ class WorldRecipe:
         :param starts: of all worlds of a run
         :raises ValueError: if they do not
         """
+        self.strategy.require_support(learned.dynamics)
         return self._world(learned, starts, learned.dynamics, self.strategy, Limits())
 
     def world(self, learned: Learned, starts: StartStates, num_samples: int, exploring: bool = True) -> World:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Fraction, validated
 from sb3_hucrl.imagination.world import World
 
 #: V of observations: (B, observation dimension) to (B,)
@@ -32,13 +33,14 @@ class Rollout:
     returns: th.Tensor
 
 
+@validated
 def roll_out(
     world: World,
     state: th.Tensor,
     choose: Callable[[int, th.Tensor], th.Tensor],
     act: Callable[[th.Tensor, th.Tensor], th.Tensor],
-    horizon: int,
-    gamma: float,
+    horizon: Count,
+    gamma: Fraction,
     generator: th.Generator | None,
     terminal_value: TerminalValue | None = None,
 ) -> Rollout:

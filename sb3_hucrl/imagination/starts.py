@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import torch as th
 from gymnasium import spaces
 
+from sb3_hucrl.checks import ArgumentError, NotNegative, SignatureError, did_you_mean, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.tasks.base import Task
 
@@ -14,6 +15,7 @@ from sb3_hucrl.tasks.base import Task
 INFLATION = (2.0, 20.0)
 
 
+@validated
 class StartStates:
     """
     A mixture of start distributions (appendix C.1: 'any exploratory distribution').
@@ -39,18 +41,14 @@ class StartStates:
         self,
         dataset: TransitionDataset,
         task: Task,
-        weights: Mapping[str, float] | None = None,
+        weights: Mapping[str, NotNegative] | None = None,
         observation_space: spaces.Box | None = None,
     ) -> None:
         explores = task.exploratory_states(1, None) is not None
         self._given = weights is not None
         if weights is None:
             weights = dict.fromkeys(self.KINDS if explores else self.KINDS[:-1], 1.0)
-        unknown = sorted(set(weights) - set(self.KINDS))
-        if unknown:
-            raise ValueError(f"unknown start states {unknown}: choose from {list(self.KINDS)}")
-        if min(weights.values(), default=0.0) < 0 or sum(weights.values()) <= 0:
-            raise ValueError(f"start-state weights are {dict(weights)}: give none below 0 and at least one above")
+        self.require_weights("weights", weights)
         if weights.get("exploratory", 0) > 0 and not explores:
             raise ValueError(
                 f"{type(task).__name__} has no exploratory states: use 'inflated' instead, or override "
@@ -60,6 +58,20 @@ class StartStates:
         self._task = task
         self._space = observation_space
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
+
+    @classmethod
+    def require_weights(cls, argument: str, weights: Mapping[str, float]) -> None:
+        """
+        :param argument: what the weights are called
+        :param weights: none below 0
+        :raises ValueError: if a kind is unknown, or no weight positive
+        """
+        for kind in weights:
+            if kind not in cls.KINDS:
+                similar = did_you_mean(kind, cls.KINDS)
+                raise SignatureError(f"{argument}.{kind}", f"is no kind of start states{similar}: give {cls.KINDS}")
+        if sum(weights.values()) <= 0:
+            raise ArgumentError.of_value(argument, dict(weights), "at least one weight above 0")
 
     def trusting(self, share: float) -> StartStates:
         """

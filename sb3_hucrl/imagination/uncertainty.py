@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 
+from sb3_hucrl.checks import Positive, validated
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.dynamics.base import Predictor
 
@@ -11,6 +12,7 @@ from sb3_hucrl.dynamics.base import Predictor
 QUANTILE = 0.95
 
 
+@validated
 @th.no_grad()
 def epistemic_std(model: Predictor, transitions: Transitions) -> th.Tensor:
     """
@@ -22,7 +24,8 @@ def epistemic_std(model: Predictor, transitions: Transitions) -> th.Tensor:
     return model.predict(states, transitions.actions.to(model.device)).epistemic_std
 
 
-def epistemic_limit(model: Predictor, transitions: Transitions, multiple: float) -> th.Tensor:
+@validated
+def epistemic_limit(model: Predictor, transitions: Transitions, multiple: Positive) -> th.Tensor:
     """
     A multiple of the epistemic std that 95 % of the real transitions stay below, as in MACURA (Frauenknecht et al.
     2024).

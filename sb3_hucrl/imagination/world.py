@@ -10,6 +10,7 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
+from sb3_hucrl.checks import Count, Seed, validated
 from sb3_hucrl.dynamics.base import Prediction, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.imagination.limits import Limits
@@ -42,6 +43,7 @@ class WorldStep:
         return self.reward if self.bonus is None else self.reward + self.bonus
 
 
+@validated
 @dataclass(frozen=True, eq=False)
 class World:
     """
@@ -59,22 +61,20 @@ class World:
     :param seed: of trajectories that are asked for without a seed
     :param exploring: whether to show what may be possible, or only what the policy can rely on, see
         :meth:`sb3_hucrl.ExplorationStrategy.steers`
-    :raises ValueError: if the horizon is below 1, or predictor, strategy, task and action space do not fit together
+    :raises ValueError: if predictor, strategy, task and action space do not fit together
     """
 
     predictor: Predictor
     strategy: ExplorationStrategy
     task: Task
     action_space: spaces.Box
-    horizon: int
+    horizon: Count
     starts: StartStates
     limits: Limits = field(default_factory=Limits)
-    seed: int = 0
+    seed: Seed = 0
     exploring: bool = True
 
     def __post_init__(self) -> None:
-        if self.horizon < 1:
-            raise ValueError(f"horizon is {self.horizon}: imagined trajectories need at least 1 step")
         predictor, task = self.predictor, self.task
         if predictor.state_dim != task.state_dim:
             raise ValueError(
@@ -162,7 +162,8 @@ class World:
         state[:, task.state_dim - task.outcome_dim : task.state_dim] = 0.0
         return state
 
-    def trajectories(self, n: int, seed: int | None = None) -> Trajectories:
+    @validated
+    def trajectories(self, n: Count, seed: Seed | None = None) -> Trajectories:
         """
         :param n: number of trajectories B
         :param seed: of their noise and start states; by default the world's own
@@ -170,7 +171,8 @@ class World:
         """
         return Trajectories(self, n, self.seed if seed is None else seed)
 
-    def from_real_starts(self, episode_length: int | None = None) -> World:
+    @validated
+    def from_real_starts(self, episode_length: Count | None = None) -> World:
         """
         The same world as real episodes meet it: trajectories begin where real episodes begin, and last to their end,
         whatever the uncertainty, so that returns can be compared.

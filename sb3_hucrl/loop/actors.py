@@ -7,9 +7,11 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.imagination import Array, BatchActor
 
 
+@validated
 def random_actor(action_space: spaces.Box, generator: th.Generator) -> BatchActor:
     """
     :param action_space: of (a, a′)

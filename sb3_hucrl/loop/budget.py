@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from sb3_hucrl.checks import Count, Natural, validated
+
 #: real steps that are worth a refit, where an episode may have fewer
 FEW_STEPS = 200
 #: timesteps of search for each new real step
@@ -10,7 +12,8 @@ IMAGINED_PER_REAL = 64
 FULL_SEARCH = 400
 
 
-def least_real_steps(episode_length: int) -> int:
+@validated
+def least_real_steps(episode_length: Count) -> int:
     """
     Short episodes are no reason for a refit.
 
@@ -19,7 +22,8 @@ def least_real_steps(episode_length: int) -> int:
     return min(FEW_STEPS, episode_length)
 
 
-def search_length(new_steps: int) -> int:
+@validated
+def search_length(new_steps: Natural) -> int:
     """
     64 timesteps for each new real step, and up to twice as many where there are fewer than 400.
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
+from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination import Array, BatchActor
 from sb3_hucrl.imagination.finite import first_not_finite
@@ -21,6 +22,7 @@ from sb3_hucrl.progress import progress_bar
 ACTION_ROUNDING = 1e-5
 
 
+@validated
 class Round:
     """
     Real episodes that are played at once, one in each copy of the real system. All take their steps together, and a
@@ -36,7 +38,7 @@ class Round:
         self,
         systems: RealSystems,
         problem: Problem,
-        num_episodes: int | None = None,
+        num_episodes: Count | None = None,
         reality: Reality | None = None,
     ) -> None:
         count = len(systems) if num_episodes is None else num_episodes

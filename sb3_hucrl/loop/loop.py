@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch as th
 
+from sb3_hucrl.checks import Seed, validated
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import FitReport
 from sb3_hucrl.imagination import (
@@ -41,6 +42,7 @@ from sb3_hucrl.seeding import seeded_generator
 JUDGED = 32
 
 
+@validated
 class Loop:
     """
     Alternates real episodes with policy search in a learned World::
@@ -74,7 +76,7 @@ class Loop:
         problem: Problem,
         real: RealSystem | RealSystems,
         state: HUCRLState | None = None,
-        seed: int | None = None,
+        seed: Seed | None = None,
         device: th.device | str = "cpu",
         on_episode: Callable[[], None] = lambda: None,
         on_refit: Callable[[Report], None] = lambda report: None,

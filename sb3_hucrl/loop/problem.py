@@ -9,6 +9,7 @@ import gymnasium as gym
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
+from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.loop.settings import ModelSettings
 from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_observation
 from sb3_hucrl.tasks import Task, check_task, resolve_task
@@ -32,6 +33,7 @@ HARMLESS = frozenset(
 )
 
 
+@validated
 @dataclass(frozen=True)
 class Problem:
     """
@@ -48,8 +50,8 @@ class Problem:
     task: Task
     observation_space: spaces.Box
     action_space: spaces.Box
-    action_dim: int
-    episode_length: int
+    action_dim: Count
+    episode_length: Count
     wrappers: tuple[str, ...] = ()
 
     @classmethod

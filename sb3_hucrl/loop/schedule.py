@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sb3_hucrl.checks import ArgumentError, Count, Natural, validated, within
 
+
+@validated
 @dataclass(frozen=True)
 class HorizonSchedule:
     """
@@ -19,33 +22,29 @@ class HorizonSchedule:
     :raises ValueError: if a horizon is below 1, or ``end`` does not come after ``begin``
     """
 
-    first: int
-    last: int
-    begin: int
-    end: int
+    first: Count
+    last: Count
+    begin: Natural
+    end: Natural
 
     def __post_init__(self) -> None:
-        if min(self.first, self.last) < 1 or not 0 <= self.begin < self.end:
-            raise ValueError(
-                f"horizon is {[self.first, self.last, self.begin, self.end]}: give [first, last, begin, end], two "
-                "horizons of at least 1 and two numbers of real steps, the second larger than the first"
-            )
+        if self.begin >= self.end:
+            raise ArgumentError.of_value("end", self.end, f"a number of real steps above begin, {self.begin}")
 
     @classmethod
-    def read(cls, horizon: int | Sequence[int]) -> HorizonSchedule:
+    @validated
+    def read(cls, horizon: Count | Sequence[Natural]) -> HorizonSchedule:
         """
         :param horizon: one for the whole training, or ``[first, last, begin, end]``
         :raises ValueError: if it is neither
         """
         if isinstance(horizon, Sequence):
             if len(horizon) != 4:
-                raise ValueError(
-                    f"horizon is {list(horizon)}: give one number, or [first, last, begin, end] such as "
-                    "[1, 15, 20_000, 100_000]"
+                raise ArgumentError.of_value(
+                    "horizon", horizon, "one number, or [first, last, begin, end] such as [1, 15, 20_000, 100_000]"
                 )
-            return cls(*horizon)
-        if horizon < 1:
-            raise ValueError(f"horizon is {horizon}: give at least 1")
+            with within("horizon"):
+                return cls(*horizon)
         return cls(horizon, horizon, 0, 1)
 
     def at(self, real_steps: int) -> int:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from sb3_hucrl.imagination import BatchActor
 
 
+@runtime_checkable
 class Search(Protocol):
     """A search for the policy that is best in a :class:`sb3_hucrl.imagination.World`."""
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.loop.search import Search
 
 
+@validated
 def choose_policy(search: Search, kept: Any, evaluate: Callable[[], float]) -> tuple[Any, float]:
     """
     Give the search the best solution of (7) that was found so far, judged by the newest dynamics model.

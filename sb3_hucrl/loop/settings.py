@@ -6,25 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from sb3_hucrl.checks import (
+    ArgumentError,
+    Count,
+    Fraction,
+    Natural,
+    NotNegative,
+    Positive,
+    Real,
+    require_arguments,
+    validated,
+    within,
+)
 from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
+from sb3_hucrl.imagination import StartStates
 from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.planning import PlanningSettings
-from sb3_hucrl.tasks import Task
+from sb3_hucrl.tasks import LearnedTask, Task
+
+#: arguments of dynamics models that come from the environment
+NOT_FOR_USERS = ("state_dim", "action_dim", "angle_dims", "generator")
 
 
-def _require_at_least_one(**counts: int | None) -> None:
-    for name, count in counts.items():
-        if count is not None and count < 1:
-            raise ValueError(f"{name} is {count}: give at least 1")
-
-
-def _require_fraction(**fractions: float) -> None:
-    for name, fraction in fractions.items():
-        if not 0 <= fraction <= 1:
-            raise ValueError(f"{name} is {fraction}: give a fraction between 0 and 1")
-
-
+@validated
 @dataclass(frozen=True)
 class RealSettings:
     """
@@ -42,27 +47,17 @@ class RealSettings:
     :raises ValueError: if a number is out of its range
     """
 
-    initial_episodes: int = 1
-    initial_steps: int | None = None
-    real_episodes: int = 1
-    real_steps: int | None = None
-    real_envs: int = 1
-    max_real_steps: int | None = None
-    sampling_fraction: float = 0.5
-    reward_threshold: float | None = None
-
-    def __post_init__(self) -> None:
-        _require_at_least_one(
-            initial_episodes=self.initial_episodes,
-            initial_steps=self.initial_steps,
-            real_episodes=self.real_episodes,
-            real_steps=self.real_steps,
-            real_envs=self.real_envs,
-            max_real_steps=self.max_real_steps,
-        )
-        _require_fraction(sampling_fraction=self.sampling_fraction)
+    initial_episodes: Count = 1
+    initial_steps: Count | None = None
+    real_episodes: Count = 1
+    real_steps: Count | None = None
+    real_envs: Count = 1
+    max_real_steps: Count | None = None
+    sampling_fraction: Fraction = 0.5
+    reward_threshold: Real | None = None
 
 
+@validated
 @dataclass(frozen=True)
 class SearchSettings:
     """
@@ -82,24 +77,22 @@ class SearchSettings:
     """
 
     strategy: ExplorationStrategy = field(default_factory=Optimistic)
-    imagined_steps: int | None = None
-    horizon: int | Sequence[int] | None = None
-    start_states: Mapping[str, float] | None = None
-    real_data_fraction: float = 0.0
-    stale_fraction: float = 0.0
-    uncertainty_cap: float | None = None
+    imagined_steps: Count | None = None
+    horizon: Count | Sequence[Natural] | None = None
+    start_states: Mapping[str, NotNegative] | None = None
+    real_data_fraction: Fraction = 0.0
+    stale_fraction: Fraction = 0.0
+    uncertainty_cap: Positive | None = None
     standardise: bool = True
 
     def __post_init__(self) -> None:
-        _require_at_least_one(imagined_steps=self.imagined_steps)
         if self.horizon is not None:
             HorizonSchedule.read(self.horizon)
-        _require_fraction(real_data_fraction=self.real_data_fraction, stale_fraction=self.stale_fraction)
-        cap = self.uncertainty_cap
-        if cap is not None and not cap > 0:
-            raise ValueError(f"uncertainty_cap is {cap}: give a positive multiple, or None for no cap")
+        if self.start_states is not None:
+            StartStates.require_weights("start_states", self.start_states)
 
 
+@validated
 @dataclass(frozen=True)
 class ModelSettings:
     """
@@ -110,7 +103,8 @@ class ModelSettings:
     :param task: a task, the place to import one from, ``"learned"``, or None for the one registered with the
         environment's id
     :param task_kwargs: arguments of an imported or learned task
-    :raises ValueError: if the name of the model is unknown
+    :raises ValueError: if the name of the model is unknown, an argument is wrong, or a model or task has arguments
+        beside it
     """
 
     dynamics: str | DynamicsModel = "ensemble"
@@ -120,9 +114,24 @@ class ModelSettings:
 
     def __post_init__(self) -> None:
         if isinstance(self.dynamics, str):
-            DYNAMICS.require(self.dynamics)
+            with within("dynamics_kwargs"):
+                require_arguments(self.dynamics_kwargs or {}, DYNAMICS.resolve(self.dynamics), reserved=NOT_FOR_USERS)
+        elif self.dynamics_kwargs:
+            raise ArgumentError.of_value(
+                "dynamics_kwargs",
+                self.dynamics_kwargs,
+                "them to the model itself, or name the model, such as 'ensemble'",
+            )
+        if self.task_kwargs and not isinstance(self.task, str):
+            raise ArgumentError.of_value(
+                "task_kwargs", self.task_kwargs, "the task by name as well: 'learned', or module.Class"
+            )
+        if self.task == "learned":
+            with within("task_kwargs"):
+                require_arguments(self.task_kwargs or {}, LearnedTask, reserved=("observation_dim",))
 
 
+@validated
 @dataclass(frozen=True)
 class Settings:
     """

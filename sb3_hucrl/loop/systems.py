@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
-from typing import Any, Protocol, SupportsFloat, TypeAlias, TypeVar
+from typing import Annotated, Any, Protocol, SupportsFloat, TypeAlias, TypeVar, runtime_checkable
 
+from pydantic import Field
+
+from sb3_hucrl.checks import validated
 from sb3_hucrl.imagination import Array
 
 T = TypeVar("T")
@@ -14,6 +17,7 @@ T = TypeVar("T")
 Outcome: TypeAlias = tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]
 
 
+@runtime_checkable
 class RealSystem(Protocol):
     """The part of gymnasium's interface that real episodes need: any ``gymnasium.Env`` has it."""
 
@@ -29,6 +33,10 @@ class RealSystem(Protocol):
         """
 
 
+Copies: TypeAlias = Annotated[Sequence[RealSystem], Field(min_length=1, description="a list of at least one system")]
+
+
+@validated
 class RealSystems:
     """
     Copies of the real system, in which several episodes are played at once. They are called one after another, in the
@@ -37,7 +45,7 @@ class RealSystems:
     :param copies: at least one
     """
 
-    def __init__(self, copies: Sequence[RealSystem]) -> None:
+    def __init__(self, copies: Copies) -> None:
         self._copies = list(copies)
 
     def __len__(self) -> int:
@@ -63,6 +71,7 @@ class RealSystems:
         return [call() for call in calls]
 
 
+@validated
 class ParallelSystems(RealSystems):
     """
     Copies that are called at the same time, each from a thread of its own. It is for copies in other processes or on
@@ -71,7 +80,7 @@ class ParallelSystems(RealSystems):
     :param copies: at least one
     """
 
-    def __init__(self, copies: Sequence[RealSystem]) -> None:
+    def __init__(self, copies: Copies) -> None:
         super().__init__(copies)
         # It starts a thread only when all others are busy, and none for a single call at a time.
         self._threads = ThreadPoolExecutor(len(self._copies), thread_name_prefix="real system")

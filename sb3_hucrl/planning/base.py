@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import ArgumentError, Count, NotNegative, validated
 from sb3_hucrl.planning.problem import ImaginedReturns
 from sb3_hucrl.planning.proposal import Bounds, Proposal
 
@@ -60,6 +61,7 @@ class Planner(ABC):
         """
 
 
+@validated
 class ShootingPlanner(Planner):
     """
     Hallucinated shooting (Algorithm 6): sample action sequences, and move the proposal to the best of them (elites).
@@ -72,19 +74,13 @@ class ShootingPlanner(Planner):
     :raises ValueError: if a number is out of its range, or there are more elites than particles
     """
 
-    def __init__(self, num_particles: int, num_iterations: int, num_elites: int, noise_exponent: float) -> None:
-        if min(num_particles, num_iterations, num_elites) < 1:
-            raise ValueError(
-                f"num_particles is {num_particles}, num_iterations {num_iterations}, num_elites {num_elites}: give 1 "
-                "or more"
-            )
+    def __init__(
+        self, num_particles: Count, num_iterations: Count, num_elites: Count, noise_exponent: NotNegative
+    ) -> None:
         if num_elites > num_particles:
-            raise ValueError(
-                f"num_elites is {num_elites} of num_particles {num_particles}: elites are chosen among the particles, "
-                "so give at most as many"
+            raise ArgumentError.of_value(
+                "num_elites", num_elites, f"at most num_particles, {num_particles}, among which elites are chosen"
             )
-        if not noise_exponent >= 0:
-            raise ValueError(f"noise_exponent is {noise_exponent}: give 0 or more")
         self.num_particles = num_particles
         self.num_iterations = num_iterations
         self.num_elites = num_elites
@@ -144,8 +140,8 @@ def without_diverged(returns: th.Tensor) -> th.Tensor:
     finite = th.isfinite(returns)
     if not finite.any(dim=1).all():
         raise ValueError(
-            "no planned return is finite: the dynamics model has diverged; shorten the planner's horizon, or collect "
-            "more real episodes"
+            "no planned return is finite: either the task's reward is not, or the dynamics model has diverged; shorten "
+            "the planner's horizon, or collect more real episodes"
         )
     return returns.masked_fill(~finite, -th.inf)
 

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Annotated, TypeAlias
+
+from pydantic import Field
+
+from sb3_hucrl.checks import Count, NotNegative, validated
 from sb3_hucrl.planning.base import Particles, ShootingPlanner
 from sb3_hucrl.planning.proposal import Proposal
 
+#: one elite has no standard deviation
+Elites: TypeAlias = Annotated[int, Field(ge=2, description="an integer of at least 2")]
+Smoothing: TypeAlias = Annotated[float, Field(ge=0, lt=1, description="a number of at least 0 and below 1")]
 
+
+@validated
 class CEM(ShootingPlanner):
     """
     Cross-entropy method (Botev et al. 2013): the next proposal has the elites' mean and standard deviation.
@@ -20,17 +30,13 @@ class CEM(ShootingPlanner):
 
     def __init__(
         self,
-        num_particles: int = 500,
-        num_iterations: int = 5,
-        num_elites: int = 50,
-        smoothing: float = 0.1,
-        noise_exponent: float = 0.0,
+        num_particles: Count = 500,
+        num_iterations: Count = 5,
+        num_elites: Elites = 50,
+        smoothing: Smoothing = 0.1,
+        noise_exponent: NotNegative = 0.0,
     ) -> None:
         super().__init__(num_particles, num_iterations, num_elites, noise_exponent)
-        if num_elites < 2:
-            raise ValueError(f"num_elites is {num_elites}: the standard deviation of elites needs 2 or more")
-        if not 0 <= smoothing < 1:
-            raise ValueError(f"smoothing is {smoothing}: give a number of at least 0 and below 1")
         self.smoothing = smoothing
 
     def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:

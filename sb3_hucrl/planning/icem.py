@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Annotated, TypeAlias
 
 import torch as th
+from pydantic import Field
 
+from sb3_hucrl.checks import Count, Fraction, NotNegative, validated
 from sb3_hucrl.planning.base import Particles
-from sb3_hucrl.planning.cem import CEM
+from sb3_hucrl.planning.cem import CEM, Elites, Smoothing
 from sb3_hucrl.planning.proposal import Proposal
 
+Decay: TypeAlias = Annotated[float, Field(ge=1, description="a finite number of at least 1")]
 
+
+@validated
 class ICEM(CEM):
     """
     Improved cross-entropy method (Pinneri et al. 2020), which needs a fraction of CEM's particles.
@@ -30,19 +36,15 @@ class ICEM(CEM):
 
     def __init__(
         self,
-        num_particles: int = 128,
-        num_iterations: int = 5,
-        num_elites: int = 12,
-        smoothing: float = 0.1,
-        noise_exponent: float = 2.0,
-        decay: float = 1.25,
-        kept_fraction: float = 0.3,
+        num_particles: Count = 128,
+        num_iterations: Count = 5,
+        num_elites: Elites = 12,
+        smoothing: Smoothing = 0.1,
+        noise_exponent: NotNegative = 2.0,
+        decay: Decay = 1.25,
+        kept_fraction: Fraction = 0.3,
     ) -> None:
         super().__init__(num_particles, num_iterations, num_elites, smoothing, noise_exponent)
-        if not decay >= 1 or not 0 <= kept_fraction <= 1:
-            raise ValueError(
-                f"decay is {decay}, kept_fraction {kept_fraction}: give 1 or more, and a fraction between 0 and 1"
-            )
         self.decay = decay
         self.kept_fraction = kept_fraction
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, NotNegative, validated
 from sb3_hucrl.imagination import Rollout
 from sb3_hucrl.planning.base import Plan, Planner, without_diverged
 from sb3_hucrl.planning.derivatives import Quadratic, expand_step, expand_terminal
@@ -34,6 +35,7 @@ class Feedback:
     gains: list[th.Tensor]
 
 
+@validated
 class ILQR(Planner):
     """
     Iterative linear-quadratic regulator (Li and Todorov 2004; appendix C.2) with limits on the actions (Tassa et al.
@@ -48,12 +50,9 @@ class ILQR(Planner):
     :raises ValueError: if a number is out of its range
     """
 
-    def __init__(self, num_iterations: int = 10, num_particles: int = 64, regularisation: float = 1e-6) -> None:
-        if num_iterations < 1 or num_particles < 0 or not regularisation >= 0:
-            raise ValueError(
-                f"num_iterations is {num_iterations}, num_particles {num_particles}, regularisation {regularisation}: "
-                "give at least 1, 0 and 0"
-            )
+    def __init__(
+        self, num_iterations: Count = 10, num_particles: Natural = 64, regularisation: NotNegative = 1e-6
+    ) -> None:
         self.num_iterations = num_iterations
         self.num_particles = num_particles
         self.regularisation = regularisation

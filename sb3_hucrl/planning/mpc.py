@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 
+from sb3_hucrl.checks import Seed, validated
 from sb3_hucrl.planning.base import Planner
 from sb3_hucrl.planning.problem import ImaginedReturns, PlanningProblem
 
 
+@validated
 class MPCPolicy:
     """
     H-MPC (appendix C.2) and Dyna-MPC (appendix C.3): plan true and hallucinated actions for the next N steps, take the
@@ -25,7 +27,7 @@ class MPCPolicy:
     :param seed: of the planner's and the world's randomness
     """
 
-    def __init__(self, problem: PlanningProblem, planner: Planner, seed: int = 0) -> None:
+    def __init__(self, problem: PlanningProblem, planner: Planner, seed: Seed = 0) -> None:
         self._problem, self._planner = problem, planner
         self._generator = th.Generator(problem.world.device).manual_seed(seed)
 

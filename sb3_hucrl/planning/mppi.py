@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from sb3_hucrl.checks import Count, NotNegative, Positive, validated
 from sb3_hucrl.planning.base import Particles, ShootingPlanner
 from sb3_hucrl.planning.proposal import Proposal
 
 
+@validated
 class MPPI(ShootingPlanner):
     """
     Model-predictive path integral control (Williams et al. 2016): the next mean is the mean of all sequences, weighted
@@ -25,14 +27,12 @@ class MPPI(ShootingPlanner):
 
     def __init__(
         self,
-        num_particles: int = 500,
-        num_iterations: int = 5,
-        temperature: float = 1.0,
-        noise_exponent: float = 0.0,
+        num_particles: Count = 500,
+        num_iterations: Count = 5,
+        temperature: Positive = 1.0,
+        noise_exponent: NotNegative = 0.0,
     ) -> None:
         super().__init__(num_particles, num_iterations, num_particles, noise_exponent)
-        if not temperature > 0:
-            raise ValueError(f"temperature is {temperature}: give a positive number, in units of the return")
         self.temperature = temperature
 
     def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch as th
 
 
+@runtime_checkable
 class PlannedPolicy(Protocol):
     """A policy (π, η) and its critic as functions of torch tensors, in the units of the environment."""
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Positive, validated
 from sb3_hucrl.planning.policy import PlannedPolicy
 from sb3_hucrl.planning.proposal import Bounds, Proposal
 from sb3_hucrl.planning.variables import DecisionVariables
@@ -15,6 +16,7 @@ from sb3_hucrl.tasks.base import Task
 REACH = 5.0
 
 
+@validated
 class PolicyNoise(DecisionVariables):
     """
     Noise that is added to a policy's actions: (a_n, a′_n) = (π, η)(s_n) + x_n (Algorithm 7, and POPLIN-A of Wang and Ba
@@ -24,12 +26,10 @@ class PolicyNoise(DecisionVariables):
     :param bounds: of (a, a′)
     :param policy: (π, η)
     :param task: maps states to observations
-    :param std: of the noise at the start of the search, as a fraction of the actions' range
-    :raises ValueError: if the horizon is below 1 or the standard deviation not positive
+    :param std: of the noise at the start of the search, as a fraction of the actions' range; positive
     """
 
-    def __init__(self, horizon: int, bounds: Bounds, policy: PlannedPolicy, task: Task, std: float) -> None:
-        _require_positive(std)
+    def __init__(self, horizon: Count, bounds: Bounds, policy: PlannedPolicy, task: Task, std: Positive) -> None:
         width = bounds.high - bounds.low
         mean = th.zeros(1, horizon, len(width), device=width.device)
         fresh = Proposal(mean, (std * width).expand_as(mean), kept=mean.unsqueeze(1))
@@ -44,6 +44,7 @@ class PolicyNoise(DecisionVariables):
         return self._actions.clip(self._policy.act(self._task.observe(state)) + value)
 
 
+@validated
 class PolicyParameters(DecisionVariables):
     """
     Changes that are added to a policy's parameters for the whole plan: (a_n, a′_n) = (π, η)(s_n; θ + x) (POPLIN-P of
@@ -52,12 +53,10 @@ class PolicyParameters(DecisionVariables):
     :param horizon: N
     :param policy: (π, η), with parameters θ
     :param task: maps states to observations
-    :param std: of the changes at the start of the search, in units of the parameters
-    :raises ValueError: if the horizon is below 1 or the standard deviation not positive
+    :param std: of the changes at the start of the search, in units of the parameters; positive
     """
 
-    def __init__(self, horizon: int, policy: PlannedPolicy, task: Task, std: float) -> None:
-        _require_positive(std)
+    def __init__(self, horizon: Count, policy: PlannedPolicy, task: Task, std: Positive) -> None:
         self._policy, self._task = policy, task
         self._parameters = policy.acting_parameters()
         count = sum(parameter.numel() for parameter in self._parameters.values())
@@ -76,8 +75,3 @@ class PolicyParameters(DecisionVariables):
             for (name, parameter), change in zip(self._parameters.items(), value.split(sizes, dim=1), strict=True)
         }
         return self._policy.act_each(changed, self._task.observe(state))
-
-
-def _require_positive(std: float) -> None:
-    if not std > 0:
-        raise ValueError(f"std is {std}: plans around a policy need noise, so give a positive number")

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Factor, validated
 from sb3_hucrl.imagination import Rollout, TerminalValue, World, roll_out
 from sb3_hucrl.planning.variables import DecisionVariables
 
 
+@validated
 @dataclass(frozen=True)
 class PlanningProblem:
     """
@@ -18,24 +20,17 @@ class PlanningProblem:
 
     :param world: in which plans are tried
     :param variables: the decision variables, and the horizon N
-    :param gamma: γ
+    :param gamma: γ, above 0 and up to 1
     :param terminal_value: V; without it, rewards after the horizon are ignored
     :param rollouts: number of trajectories over which the return of a plan is averaged; they differ in their noise and,
         if the world has several posterior samples, in their sample
-    :raises ValueError: if γ is outside (0, 1], or ``rollouts`` is below 1
     """
 
     world: World
     variables: DecisionVariables
-    gamma: float = 1.0
+    gamma: Factor = 1.0
     terminal_value: TerminalValue | None = None
-    rollouts: int = 1
-
-    def __post_init__(self) -> None:
-        if not 0 < self.gamma <= 1:
-            raise ValueError(f"gamma is {self.gamma}: give a discount above 0 and up to 1")
-        if self.rollouts < 1:
-            raise ValueError(f"rollouts is {self.rollouts}: give at least 1")
+    rollouts: Count = 1
 
     def roll_out(
         self, state: th.Tensor, choose: Callable[[int, th.Tensor], th.Tensor], generator: th.Generator | None
@@ -58,6 +53,7 @@ class PlanningProblem:
         )
 
 
+@validated
 class ImaginedReturns:
     """
     J of Algorithm 6: all particles of all environments in one batch.

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.planning.noise import colored_noise
 
 
+@validated
 @dataclass(frozen=True)
 class Bounds:
     """

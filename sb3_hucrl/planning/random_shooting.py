@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from sb3_hucrl.checks import Count, NotNegative, validated
 from sb3_hucrl.planning.base import Particles, ShootingPlanner
 from sb3_hucrl.planning.proposal import Proposal
 
 
+@validated
 class RandomShooting(ShootingPlanner):
     """
     The best of many independent action sequences (Richards and How 2006); the proposal does not change.
@@ -15,7 +17,7 @@ class RandomShooting(ShootingPlanner):
     :raises ValueError: if a number is out of its range
     """
 
-    def __init__(self, num_particles: int = 2000, noise_exponent: float = 0.0) -> None:
+    def __init__(self, num_particles: Count = 2000, noise_exponent: NotNegative = 0.0) -> None:
         super().__init__(num_particles, num_iterations=1, num_elites=1, noise_exponent=noise_exponent)
 
     def update_distribution(self, proposal: Proposal, elites: Particles) -> Proposal:

@@ -18,7 +18,7 @@ PLANNERS: Registry[Planner] = Registry(
 )
 
 
-def make_planner(name: str, **kwargs: Any) -> Planner:
+def make_planner(name: str, /, **kwargs: Any) -> Planner:
     """
     Build a planner by name.
 

@@ -6,16 +6,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, Literal
 
+from sb3_hucrl.checks import ArgumentError, Count, Factor, Positive, require_arguments, validated, within
 from sb3_hucrl.imagination import World
 from sb3_hucrl.planning.mpc import MPCPolicy
 from sb3_hucrl.planning.policy import PlannedPolicy
 from sb3_hucrl.planning.policy_variables import PolicyNoise, PolicyParameters
 from sb3_hucrl.planning.problem import PlanningProblem
 from sb3_hucrl.planning.proposal import Bounds
-from sb3_hucrl.planning.registry import make_planner
+from sb3_hucrl.planning.registry import PLANNERS, make_planner
 from sb3_hucrl.planning.variables import ActionSequence, DecisionVariables
 
 
+@validated
 class PlanningSettings(ABC):
     """
     Settings of the planning at every real step.
@@ -23,7 +25,7 @@ class PlanningSettings(ABC):
     :param rollouts: number of trajectories over which the return of a plan is averaged
     """
 
-    def __init__(self, rollouts: int) -> None:
+    def __init__(self, rollouts: Count) -> None:
         self.rollouts = rollouts
 
     @property
@@ -42,6 +44,7 @@ class PlanningSettings(ABC):
         """
 
 
+@validated
 class HMPCSettings(PlanningSettings):
     """
     Planning without a policy: H-MPC (appendix C.2). With ``planner="cem"``, Greedy's propagation "tsinf" and several
@@ -56,7 +59,7 @@ class HMPCSettings(PlanningSettings):
     """
 
     def __init__(
-        self, planner: str, horizon: int = 50, gamma: float = 1.0, rollouts: int = 1, **planner_kwargs: Any
+        self, planner: str, horizon: Count = 50, gamma: Factor = 1.0, rollouts: Count = 1, **planner_kwargs: Any
     ) -> None:
         super().__init__(rollouts)
         self._horizon, self._gamma = horizon, gamma
@@ -68,6 +71,7 @@ class HMPCSettings(PlanningSettings):
         return MPCPolicy(problem, self._planner, seed)
 
 
+@validated
 class DynaMPCSettings(PlanningSettings):
     """
     Planning around a policy, with its critic as terminal value: Dyna-MPC (Algorithm 7). Without the critic it is POPLIN
@@ -86,18 +90,20 @@ class DynaMPCSettings(PlanningSettings):
 
     def __init__(
         self,
-        horizon: int = 8,
-        samples: int = 64,
+        horizon: Count = 8,
+        samples: Count = 64,
         planner: str = "cem",
         space: Literal["noise", "parameters"] = "noise",
-        std: float = 0.2,
+        std: Positive = 0.2,
         bootstrap: bool = True,
-        rollouts: int = 1,
+        rollouts: Count = 1,
         **planner_kwargs: Any,
     ) -> None:
         super().__init__(rollouts)
-        if space not in ("noise", "parameters"):
-            raise ValueError(f"unknown space {space!r}: choose 'noise' or 'parameters'")
+        if planner == "ilqr" and space == "parameters":
+            raise ArgumentError.of_value(
+                "planner", planner, "one that samples, such as 'cem', to plan in the space of 'parameters'"
+            )
         if planner in ("cem", "icem"):
             planner_kwargs = {"num_elites": max(2, samples // 4), "num_iterations": 3, **planner_kwargs}
         self._horizon, self._space, self._std, self._bootstrap = horizon, space, std, bootstrap
@@ -121,6 +127,7 @@ class DynaMPCSettings(PlanningSettings):
         return MPCPolicy(problem, self._planner, seed)
 
 
+@validated
 def planning_settings(
     planner: str | None, planner_kwargs: Mapping[str, Any] | None, dyna_mpc: Mapping[str, Any] | None
 ) -> PlanningSettings | None:
@@ -134,9 +141,15 @@ def planning_settings(
     if dyna_mpc is not None:
         if planner is not None:
             raise ValueError("give planner (H-MPC) or dyna_mpc, not both; dyna_mpc: {planner: ...} names Dyna-MPC's")
-        return DynaMPCSettings(**dyna_mpc)
+        with within("dyna_mpc"):
+            around = PLANNERS.resolve(dyna_mpc.get("planner", "cem"))
+            require_arguments(dyna_mpc, DynaMPCSettings, around, reserved=("num_particles",))
+            return DynaMPCSettings(**dyna_mpc)
+    given = planner_kwargs or {}
     if planner is not None:
-        return HMPCSettings(planner, **(planner_kwargs or {}))
-    if planner_kwargs:
-        raise ValueError(f"planner_kwargs are {dict(planner_kwargs)}, but there is no planner: say planner: icem")
+        with within("planner_kwargs"):
+            require_arguments(given, HMPCSettings, PLANNERS.resolve(planner), reserved=("planner",))
+            return HMPCSettings(planner, **given)
+    if given:
+        raise ArgumentError.of_value("planner_kwargs", dict(given), "the planner as well, such as planner: icem")
     return None

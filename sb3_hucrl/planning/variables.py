@@ -6,23 +6,22 @@ from abc import ABC, abstractmethod
 
 import torch as th
 
+from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.planning.proposal import Bounds, Proposal
 
 
+@validated
 class DecisionVariables(ABC):
     """
     Vectors x_n of k numbers that a planner optimises, and from which actions follow: one for each of N steps, or a
     single one for all of them.
 
-    :param horizon: N, steps that are planned ahead
+    :param horizon: N, steps that are planned ahead, at least 1
     :param bounds: of each vector
     :param fresh: proposal of a search without an earlier plan, for a single environment
-    :raises ValueError: if the horizon is below 1
     """
 
-    def __init__(self, horizon: int, bounds: Bounds, fresh: Proposal) -> None:
-        if horizon < 1:
-            raise ValueError(f"horizon is {horizon}: a plan needs at least 1 step")
+    def __init__(self, horizon: Count, bounds: Bounds, fresh: Proposal) -> None:
         self.horizon, self.bounds, self._fresh = horizon, bounds, fresh
 
     def fresh(self, num_envs: int) -> Proposal:
@@ -48,6 +47,7 @@ class DecisionVariables(ABC):
         """
 
 
+@validated
 class ActionSequence(DecisionVariables):
     """
     The actions themselves (Algorithm 6): (a_n, a′_n) = x_n.
@@ -56,10 +56,9 @@ class ActionSequence(DecisionVariables):
 
     :param horizon: N
     :param bounds: of (a, a′)
-    :raises ValueError: if the horizon is below 1
     """
 
-    def __init__(self, horizon: int, bounds: Bounds) -> None:
+    def __init__(self, horizon: Count, bounds: Bounds) -> None:
         shape = (1, horizon, len(bounds.low))
         middle, spread = (bounds.low + bounds.high) / 2, (bounds.high - bounds.low) / 4
         super().__init__(horizon, bounds, Proposal(middle.expand(shape), spread.expand(shape)))

@@ -35,7 +35,7 @@ class CurveOutput(KVWriter):
     :param folder: is made if it does not exist; None for no file
     """
 
-    def __init__(self, rows: list[Row], folder: str | None) -> None:
+    def __init__(self, rows: list[Row], folder: str | Path | None) -> None:
         self._rows, self._csv = rows, None
         if folder is not None:
             Path(folder).mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ class TrainingLog:
     ``progress.csv`` if there is a folder for it.
     """
 
-    def begin(self, model: BaseAlgorithm, folder: str | None, held: Callable[[], bool]) -> None:
+    def begin(self, model: BaseAlgorithm, folder: str | Path | None, held: Callable[[], bool]) -> None:
         """
         :param model: in training
         :param folder: for ``progress.csv``; it is made if it does not exist. None for no such file

@@ -6,6 +6,7 @@ import math
 
 import torch as th
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import Number, exp
 
@@ -14,17 +15,18 @@ POLE_LENGTH = 0.6
 EXPLORED_POSITION = 1.25
 
 
+@validated
 class CartPoleTask(AngleTask):
     """
     State (x, θ, ẋ, θ̇) with θ = 0 hanging (appendix B.2.2).
 
-    :param action_penalty: ρ
+    :param action_penalty: ρ, 0 or more
     """
 
     state_dim = 4
     angle_dims = (1,)
 
-    def __init__(self, action_penalty: float = 0.05) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.05) -> None:
         super().__init__()
         self.action_penalty = action_penalty
 

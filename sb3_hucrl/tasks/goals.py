@@ -7,12 +7,14 @@ from collections.abc import Callable, Sequence
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, NotNegative, validated
 from sb3_hucrl.tasks.base import Task
 
 #: maps achieved and desired goals, each of shape (B, goal_dim), to rewards of shape (B,)
 GoalReward = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 
+@validated
 class GoalTask(Task):
     """
     Observations (``achieved_goal``, ``desired_goal``, ``observation``), in this order, which is the alphabetical one of
@@ -35,11 +37,11 @@ class GoalTask(Task):
 
     def __init__(
         self,
-        goal_dim: int,
-        observation_dim: int,
-        achieved_dims: Sequence[int] | None = None,
+        goal_dim: Count,
+        observation_dim: Natural,
+        achieved_dims: Sequence[Natural] | None = None,
         reward: str | GoalReward = "sparse",
-        threshold: float = 0.05,
+        threshold: NotNegative = 0.05,
         terminates: bool = False,
     ) -> None:
         own = [] if achieved_dims is None else list(achieved_dims)

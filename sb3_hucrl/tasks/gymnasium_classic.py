@@ -6,6 +6,7 @@ import math
 
 import torch as th
 
+from sb3_hucrl.checks import Real, validated
 from sb3_hucrl.tasks.base import Task
 
 
@@ -31,6 +32,7 @@ class GymnasiumPendulumTask(Task):
         return th.stack([th.atan2(sine, cosine), omega], dim=1)
 
 
+@validated
 class MountainCarTask(Task):
     """
     ``MountainCarContinuous-v0``: state (position, velocity), reward 100 for reaching the flag, minus 0.1 a².
@@ -41,7 +43,7 @@ class MountainCarTask(Task):
     state_dim = 2
     goal_position = 0.45
 
-    def __init__(self, goal_velocity: float = 0.0) -> None:
+    def __init__(self, goal_velocity: Real = 0.0) -> None:
         self.goal_velocity = goal_velocity
 
     def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:

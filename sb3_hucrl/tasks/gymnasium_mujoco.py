@@ -6,6 +6,7 @@ import math
 
 import torch as th
 
+from sb3_hucrl.checks import Real, validated
 from sb3_hucrl.tasks.arm_kinematics import hand_position
 from sb3_hucrl.tasks.base import Task
 from sb3_hucrl.tasks.pusher import BASE as PUSHER_BASE
@@ -23,6 +24,7 @@ class InvertedPendulumTask(Task):
         return next_state[:, 1].abs() > 0.2
 
 
+@validated
 class GymnasiumReacherTask(Task):
     """
     ``Reacher-v5``: state (2 angles, 2 velocities, the fingertip's x and y), context: the target's x and y.
@@ -38,7 +40,7 @@ class GymnasiumReacherTask(Task):
     context_dim = 2
     angle_dims = (0, 1)
 
-    def __init__(self, reward_dist_weight: float = 1.0, reward_control_weight: float = 1.0) -> None:
+    def __init__(self, reward_dist_weight: Real = 1.0, reward_control_weight: Real = 1.0) -> None:
         self.reward_dist_weight = reward_dist_weight
         self.reward_control_weight = reward_control_weight
 
@@ -61,6 +63,7 @@ class GymnasiumReacherTask(Task):
         return th.stack([radius * angle.cos(), radius * angle.sin()], dim=1)
 
 
+@validated
 class GymnasiumPusherTask(Task):
     """
     ``Pusher-v5``: state (7 angles, 7 velocities, object position), context: the goal position.
@@ -78,7 +81,7 @@ class GymnasiumPusherTask(Task):
     angle_dims = tuple(range(7))
 
     def __init__(
-        self, reward_near_weight: float = 0.5, reward_dist_weight: float = 1.0, reward_control_weight: float = 0.1
+        self, reward_near_weight: Real = 0.5, reward_dist_weight: Real = 1.0, reward_control_weight: Real = 0.1
     ) -> None:
         self.reward_near_weight = reward_near_weight
         self.reward_dist_weight = reward_dist_weight

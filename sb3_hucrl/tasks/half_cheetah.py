@@ -6,23 +6,25 @@ import math
 
 import torch as th
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import Number, clamp
 
 MAX_REWARDED_SPEED = 10.0
 
 
+@validated
 class HalfCheetahTask(AngleTask):
     """
     State (height, 7 angles, 9 velocities) (appendix B.2.6).
 
-    :param action_penalty: ρ
+    :param action_penalty: ρ, 0 or more
     """
 
     state_dim = 17
     angle_dims = tuple(range(1, 8))
 
-    def __init__(self, action_penalty: float = 0.1) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1) -> None:
         super().__init__()
         self.action_penalty = action_penalty
 

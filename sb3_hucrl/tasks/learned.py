@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.tasks.base import Task
 
 #: a smaller predicted probability of termination counts as 0, because it is only regression noise
 NEGLIGIBLE = 0.02
 
 
+@validated
 class LearnedReward(Task):
     """
     State (observation, reward): the reward is predicted like a state dimension, with its own uncertainty.
@@ -33,7 +35,7 @@ class LearnedReward(Task):
     carries_constants = True
 
     def __init__(
-        self, observation_dim: int, hallucinate_reward: bool = False, context_dims: Sequence[int] = ()
+        self, observation_dim: Count, hallucinate_reward: bool = False, context_dims: Sequence[Natural] = ()
     ) -> None:
         self.observation_dim = observation_dim
         self.hallucinate_reward = hallucinate_reward

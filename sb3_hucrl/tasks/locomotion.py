@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, TypeAlias
 
 import torch as th
+from pydantic import Field
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.tasks.learned import LearnedReward
 
+#: a side may be open; NaN is below every number
+Bound: TypeAlias = Annotated[float, Field(ge=-math.inf, allow_inf_nan=True)]
+Interval: TypeAlias = Annotated[
+    Sequence[Bound], Field(min_length=2, max_length=2, description="a lower and an upper bound, which may be infinite")
+]
 
+
+@validated
 class LocomotionTask(LearnedReward):
     """
     ``HalfCheetah-v5``, ``Hopper-v5``, ``Walker2d-v5``, ``Swimmer-v5`` and ``Ant-v5``.
@@ -21,7 +32,7 @@ class LocomotionTask(LearnedReward):
     :param healthy: healthy open interval by index of the observation
     """
 
-    def __init__(self, observation_dim: int, healthy: Mapping[int, tuple[float, float]]) -> None:
+    def __init__(self, observation_dim: Count, healthy: Mapping[Natural, Interval]) -> None:
         super().__init__(observation_dim)
         bounds = th.tensor([[-th.inf, th.inf]]).repeat(observation_dim, 1)
         for index, interval in healthy.items():

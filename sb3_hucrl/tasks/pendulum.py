@@ -6,21 +6,23 @@ import math
 
 import torch as th
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import Number, tolerance
 
 
+@validated
 class PendulumTask(AngleTask):
     """
     The paper's swing-up (appendix B.2.1): state (θ, ω) with θ = 0 upright, observation (sin θ, cos θ, ω).
 
-    :param action_penalty: ρ
+    :param action_penalty: ρ, 0 or more
     """
 
     state_dim = 2
     angle_dims = (0,)
 
-    def __init__(self, action_penalty: float = 0.1) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1) -> None:
         super().__init__()
         self.action_penalty = action_penalty
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import Number
 from sb3_hucrl.tasks.arm_kinematics import hand_position
@@ -11,18 +12,19 @@ from sb3_hucrl.tasks.arm_kinematics import hand_position
 BASE = (0.0, -0.6, 0.0)
 
 
+@validated
 class PusherTask(AngleTask):
     """
     State (7 angles, 7 velocities, object position), context: the goal position (appendix B.2.4).
 
-    :param action_penalty: ρ
+    :param action_penalty: ρ, 0 or more
     """
 
     state_dim = 17
     context_dim = 3
     angle_dims = tuple(range(7))
 
-    def __init__(self, action_penalty: float = 0.1) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1) -> None:
         super().__init__()
         self.action_penalty = action_penalty
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 
+from sb3_hucrl.checks import NotNegative, validated
 from sb3_hucrl.tasks.angles import AngleTask
 from sb3_hucrl.tasks.arithmetic import Number, exp
 from sb3_hucrl.tasks.arm_kinematics import hand_position
@@ -15,18 +16,19 @@ GOAL_MEAN = (0.0, 0.25, 0.0)
 GOAL_STD = 0.1
 
 
+@validated
 class ReacherTask(AngleTask):
     """
     Dense reward -‖ee - goal‖² - ρ Σ a² (appendix B.2.3).
 
-    :param action_penalty: ρ
+    :param action_penalty: ρ, 0 or more
     """
 
     state_dim = 14
     context_dim = 3
     angle_dims = tuple(range(7))
 
-    def __init__(self, action_penalty: float = 0.01) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.01) -> None:
         super().__init__()
         self.action_penalty = action_penalty
 
@@ -54,15 +56,16 @@ class ReacherTask(AngleTask):
         return th.tensor(GOAL_MEAN) + GOAL_STD * th.randn(n, 3, generator=generator)
 
 
+@validated
 class SparseReacherTask(ReacherTask):
     """
     Sparse reward exp(-‖ee - goal‖²/0.45²) + ρ (exp(-k Σ a²) - 1) (appendix B.2.5).
 
-    :param action_penalty: ρ
-    :param action_scale: k
+    :param action_penalty: ρ, 0 or more
+    :param action_scale: k, 0 or more
     """
 
-    def __init__(self, action_penalty: float = 0.1, action_scale: float = 1.0) -> None:
+    def __init__(self, action_penalty: NotNegative = 0.1, action_scale: NotNegative = 1.0) -> None:
         super().__init__(action_penalty)
         self.action_scale = action_scale
 

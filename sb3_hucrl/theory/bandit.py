@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import ArgumentError, Count, Natural, NotNegative, Positive, validated
 from sb3_hucrl.dynamics.gp import ExactPosterior
 from sb3_hucrl.dynamics.hyperparameters import rbf_kernel
 
@@ -28,17 +29,18 @@ class BanditRun:
     std: th.Tensor
 
 
+@validated
 @th.no_grad()
 def gp_ucb(
     objective: Callable[[th.Tensor], th.Tensor],
     candidates: th.Tensor,
-    beta: float,
-    num_steps: int,
-    first: int,
-    lengthscale: float,
-    noise_std: float,
+    beta: NotNegative,
+    num_steps: Count,
+    first: Natural,
+    lengthscale: Positive,
+    noise_std: Positive,
     generator: th.Generator,
-    outputscale: float = 1.0,
+    outputscale: Positive = 1.0,
 ) -> BanditRun:
     """
     GP-UCB (Srinivas et al. 2012): each step chooses the candidate that maximises μ(θ) + β σ(θ). With β = 0 it maximises
@@ -55,8 +57,8 @@ def gp_ucb(
     :param outputscale: prior standard deviation
     :raises ValueError: if the number of steps is below 1 or β is negative
     """
-    if num_steps < 1 or not beta >= 0:
-        raise ValueError(f"num_steps is {num_steps} and beta {beta}: give at least 1 step and a beta of 0 or more")
+    if first >= len(candidates):
+        raise ArgumentError.of_value("first", first, f"the index of one of {len(candidates)} candidates")
     values, candidates = objective(candidates).double(), candidates.double()
     kernel = rbf_kernel(th.Size([1]), candidates.shape[1], lengthscale, outputscale)
     noise_variance = th.full((1, 1), noise_std**2, dtype=th.float64)

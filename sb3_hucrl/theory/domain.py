@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import math
 
+from sb3_hucrl.checks import Count, Natural, NotNegative, Probability, validated
 
-def noise_bound(sigma: float, dim: int, delta: float) -> float:
+
+@validated
+def noise_bound(sigma: NotNegative, dim: Count, delta: Probability) -> float:
     """
     Bound on ‖ω‖₂² that holds with probability 1 - δ, for Lemma 21: 2σ² (p ln(1 + e) + ln(1/δ)).
 
@@ -24,7 +27,8 @@ def noise_bound(sigma: float, dim: int, delta: float) -> float:
     return 2 * sigma**2 * (dim * math.log(1 + math.e) + math.log(1 / delta))
 
 
-def noise_bound_over_time(sigma: float, dim: int, delta: float, step: int) -> float:
+@validated
+def noise_bound_over_time(sigma: NotNegative, dim: Count, delta: Probability, step: Natural) -> float:
     """
     Bound on ‖ω_n‖₂² that holds simultaneously for all n ≥ 0 with probability 1 - δ (Lemma 22): step n fails with
     probability at most 6δ / (π (n + 1))².
@@ -37,7 +41,10 @@ def noise_bound_over_time(sigma: float, dim: int, delta: float, step: int) -> fl
     return noise_bound(sigma, dim, delta / ((step + 1) ** 2 * math.pi**2 / 6))
 
 
-def noise_sum_bound(sigma: float, dim: int, delta: float, horizon: int, episode: int | None = None) -> float:
+@validated
+def noise_sum_bound(
+    sigma: NotNegative, dim: Count, delta: Probability, horizon: Count, episode: Count | None = None
+) -> float:
     """
     Bound on Σ_n ‖ω_n‖₂ over one episode (Lemma 23), or simultaneously over each of all episodes (Lemma 24), with
     probability 1 - δ.
@@ -54,7 +61,8 @@ def noise_sum_bound(sigma: float, dim: int, delta: float, horizon: int, episode:
     return horizon * math.sqrt(noise_bound(sigma, dim, budget))
 
 
-def state_deviation(closed_loop: float, first_step: float, step: int, noise_sum: float) -> float:
+@validated
+def state_deviation(closed_loop: NotNegative, first_step: NotNegative, step: Count, noise_sum: NotNegative) -> float:
     """
     Bound on ‖s_n - s_0‖, inequality (134) of Lemma 25: (1 + L_fc)^(n-1) (n ‖f(s_0) - s_0‖ + Σ_i ‖ω_i‖).
 
@@ -66,8 +74,15 @@ def state_deviation(closed_loop: float, first_step: float, step: int, noise_sum:
     return (1 + closed_loop) ** (step - 1) * (step * first_step + noise_sum)
 
 
+@validated
 def domain_radius(
-    closed_loop: float, first_step: float, sigma: float, dim: int, delta: float, horizon: int, episode: int
+    closed_loop: NotNegative,
+    first_step: NotNegative,
+    sigma: NotNegative,
+    dim: Count,
+    delta: Probability,
+    horizon: Count,
+    episode: Count,
 ) -> float:
     """
     b_t, bound on the distance of all states of all episodes from s_0, with probability 1 - δ (Lemma 26).

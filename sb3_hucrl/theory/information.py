@@ -7,11 +7,14 @@ from collections.abc import Callable
 
 import torch as th
 
+from sb3_hucrl.checks import Count, Positive, validated
+
 #: kernel matrix of points, maps (m, d) and (n, d) to (m, n)
 KernelFunction = Callable[[th.Tensor, th.Tensor], th.Tensor]
 
 
-def information_gain(kernel_matrix: th.Tensor, noise_std: float) -> float:
+@validated
+def information_gain(kernel_matrix: th.Tensor, noise_std: Positive) -> float:
     """
     The information gain I(y; f) = ``½ ln |I + K / σ²|``, equation (63).
 
@@ -23,8 +26,9 @@ def information_gain(kernel_matrix: th.Tensor, noise_std: float) -> float:
     return 0.5 * float(th.logdet(identity + kernel_matrix / noise_std**2))
 
 
+@validated
 def greedy_information_gains(
-    kernel: KernelFunction, candidates: th.Tensor, noise_std: float, num_observations: int
+    kernel: KernelFunction, candidates: th.Tensor, noise_std: Positive, num_observations: Count
 ) -> th.Tensor:
     """
     Information gains of a greedy sequence of observations, each at the largest posterior variance. A point may be
@@ -49,8 +53,9 @@ def greedy_information_gains(
     return gains
 
 
+@validated
 def information_capacity(
-    kernel: KernelFunction, candidates: th.Tensor, noise_std: float, num_observations: int
+    kernel: KernelFunction, candidates: th.Tensor, noise_std: Positive, num_observations: Count
 ) -> float:
     """
     Upper bound on γ_t of equation (64) over the candidates. The information gain is monotone and submodular, so the

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch as th
 
-if TYPE_CHECKING:
-    from sb3_hucrl.dynamics.base import Predictor
+from sb3_hucrl.checks import validated
+from sb3_hucrl.dynamics.base import Predictor
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,7 @@ class LipschitzEstimate:
     std: float
 
 
+@validated
 @th.enable_grad()
 def estimate_lipschitz(model: Predictor, states: th.Tensor, actions: th.Tensor) -> LipschitzEstimate:
     """

@@ -6,7 +6,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sb3_hucrl.checks import Count, NotNegative, Positive, validated
 
+
+@validated
 @dataclass(frozen=True)
 class LipschitzConstants:
     """
@@ -18,10 +21,10 @@ class LipschitzConstants:
     :param reward: L_r, of the reward in (s, a)
     """
 
-    dynamics: float
-    policy: float
-    std: float
-    reward: float
+    dynamics: NotNegative
+    policy: NotNegative
+    std: NotNegative
+    reward: NotNegative
 
     @property
     def through_policy(self) -> float:
@@ -33,17 +36,20 @@ class LipschitzConstants:
         """L_fc of Corollary 1, of the closed loop."""
         return self.dynamics * self.through_policy
 
-    def deviation(self, beta: float) -> float:
+    @validated
+    def deviation(self, beta: NotNegative) -> float:
         """L̄_f = 1 + L_fc + 2β L_σ √(1 + L_π²) of Lemma 4, growth per step of the imagined state's error."""
         return 1 + self.closed_loop + 2 * beta * self.std * self.through_policy
 
-    def performance(self, beta: float, horizon: int) -> float:
+    @validated
+    def performance(self, beta: NotNegative, horizon: Count) -> float:
         """L_J = 2 L_r √(1 + L_π²) β L̄_f^(N-1) of Lemma 5."""
         return 2 * self.reward * self.through_policy * beta * self.deviation(beta) ** (horizon - 1)
 
 
+@validated
 def regret_bound(
-    constants: LipschitzConstants, beta: float, horizon: int, episodes: int, total_uncertainty: float
+    constants: LipschitzConstants, beta: NotNegative, horizon: Count, episodes: Count, total_uncertainty: NotNegative
 ) -> float:
     """
     Bound on the regret, R_T ≤ L_J √(T N³ I_T) (Theorem 1, from Lemma 7).
@@ -57,7 +63,10 @@ def regret_bound(
     return constants.performance(beta, horizon) * math.sqrt(episodes * horizon**3 * total_uncertainty)
 
 
-def uncertainty_bound(max_std: float, noise_std: float, horizon: int, dim: int, capacity: float) -> float:
+@validated
+def uncertainty_bound(
+    max_std: Positive, noise_std: Positive, horizon: Count, dim: Count, capacity: NotNegative
+) -> float:
     """
     Bound on I_T, 2 σ_max² N p γ / ln(1 + σ_max²/σ²), for Lemma 17.
 
@@ -72,15 +81,16 @@ def uncertainty_bound(max_std: float, noise_std: float, horizon: int, dim: int, 
     return 2 * max_std**2 * horizon * dim * capacity / math.log1p((max_std / noise_std) ** 2)
 
 
+@validated
 def regret_bound_of_capacity(
     constants: LipschitzConstants,
-    beta: float,
-    horizon: int,
-    episodes: int,
-    dim: int,
-    capacity: float,
-    max_std: float,
-    noise_std: float,
+    beta: NotNegative,
+    horizon: Count,
+    episodes: Count,
+    dim: Count,
+    capacity: NotNegative,
+    max_std: Positive,
+    noise_std: Positive,
 ) -> float:
     """
     Regret bound of Theorem 3, for states in a compact set: Theorem 1 with Lemma 17.
@@ -98,16 +108,17 @@ def regret_bound_of_capacity(
     return regret_bound(constants, beta, horizon, episodes, total)
 
 
+@validated
 def regret_bound_of_unbounded_states(
     constants: LipschitzConstants,
-    beta: float,
-    horizon: int,
-    episodes: int,
-    dim: int,
-    radius: float,
+    beta: NotNegative,
+    horizon: Count,
+    episodes: Count,
+    dim: Count,
+    radius: NotNegative,
     capacity: Callable[[float], float],
-    max_std: float,
-    noise_std: float,
+    max_std: Positive,
+    noise_std: Positive,
 ) -> float:
     """
     Regret bound of Theorem 5, for unbounded noise: Theorem 3 on a ball that contains all states with high probability.
