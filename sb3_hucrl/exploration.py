@@ -253,7 +253,8 @@ STRATEGIES: Registry[ExplorationStrategy] = Registry(
 )
 
 
-def make_strategy(name: str, /, **kwargs: Any) -> ExplorationStrategy:
+@validated
+def make_strategy(name: str, **kwargs: Any) -> ExplorationStrategy:
     """
     Build a strategy by name.
 

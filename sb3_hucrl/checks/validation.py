@@ -62,7 +62,7 @@ def _checked(function: Any) -> Any:
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        checks.names(kwargs, args)
+        checks.others(kwargs, args)
         bound = checks.signature.bind_partial(*args, **kwargs)
         for name in checks.hints:
             if name in bound.arguments:
@@ -83,6 +83,7 @@ class _Checks:
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
         self.signature = inspect.signature(function)
+        self._passes_on = passes_on(function)
         self._adapters: dict[str, TypeAdapter[Any]] = {}
 
     @cached_property
@@ -90,16 +91,20 @@ class _Checks:
         hints = get_type_hints(self._function, include_extras=True)
         return {name: hints[name] for name in named_parameters(self._function) if name in hints}
 
-    def names(self, kwargs: Mapping[str, Any], args: tuple[Any, ...]) -> None:
+    def others(self, kwargs: Mapping[str, Any], args: tuple[Any, ...]) -> None:
         """
+        Check what the function itself does not name: there is none, or it is for a base class.
+
         :param kwargs: of a call
         :param args: of a call; an ``__init__`` is asked for what ``self`` takes, which may be of a subclass
         """
-        if passes_on(self._function) or kwargs.keys() <= self.hints.keys():
-            return
         target = type(args[0]) if self._function.__name__ == "__init__" else self._function
-        unknown = next(name for name in kwargs if name not in self.hints)
-        raise _unknown(unknown, target.__name__, list(arguments_of(target)))
+        for name in [name for name in kwargs if name not in self.signature.parameters]:
+            takers = [each for each in called_functions(target) if name in named_parameters(each)]
+            if self._passes_on and takers and hasattr(takers[0], "checks"):
+                takers[0].checks.value(name, kwargs[name])
+            elif not self._passes_on:
+                raise _unknown(name, target.__name__, list(arguments_of(target)))
 
     def value(self, name: str, value: Any) -> Any:
         """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.planning.base import Planner
 from sb3_hucrl.planning.cem import CEM
 from sb3_hucrl.planning.icem import ICEM
@@ -18,7 +19,8 @@ PLANNERS: Registry[Planner] = Registry(
 )
 
 
-def make_planner(name: str, /, **kwargs: Any) -> Planner:
+@validated
+def make_planner(name: str, **kwargs: Any) -> Planner:
     """
     Build a planner by name.
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import torch as th
 
+from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.tasks.base import Task
 
 ROWS = 2
 
 
-def check_task(task: Task, observation_dim: int, action_dim: int) -> None:
+@validated
+def check_task(task: Task, observation_dim: Count, action_dim: Count) -> None:
     """
     Call every method of a task with two rows and check the shapes of the results.
 

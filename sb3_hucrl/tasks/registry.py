@@ -8,6 +8,7 @@ from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
+from sb3_hucrl.checks import Count, Natural, validated
 from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.base import Task
 from sb3_hucrl.tasks.cartpole import CartPoleTask
@@ -84,6 +85,7 @@ TASKS: Registry[Task] = Registry(
 )
 
 
+@validated
 def register_task(env_id: str, factory: TaskFactory) -> None:
     """
     Register the task of an environment, so that wrappers and callback find it. It replaces an earlier one.
@@ -94,7 +96,8 @@ def register_task(env_id: str, factory: TaskFactory) -> None:
     TASKS.register(env_id, factory, replace=True)
 
 
-def find_task(spec: EnvSpec | None, observation_dim: int) -> Task | None:
+@validated
+def find_task(spec: EnvSpec | None, observation_dim: Natural) -> Task | None:
     """
     :param spec: gymnasium's specification of the environment
     :param observation_dim: number of observed values
@@ -110,8 +113,9 @@ def find_task(spec: EnvSpec | None, observation_dim: int) -> Task | None:
     return TASKS.make(env_id, kwargs, observation_dim)
 
 
+@validated
 def resolve_task(
-    task: Task | str | None, task_kwargs: Mapping[str, Any], spec: EnvSpec | None, observation_dim: int
+    task: Task | str | None, task_kwargs: Mapping[str, Any], spec: EnvSpec | None, observation_dim: Count
 ) -> Task:
     """
     The task that a user chose.
