@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_hucrl.checks import Natural, validated
+from sb3_hucrl.checks import Location, Natural, validated
 from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, choose_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
@@ -89,8 +88,8 @@ class HUCRLCallback(BaseCallback):
         uncertainty_cap: float | None = None,
         standardise: bool = True,
         reward_threshold: float | None = None,
-        log_dir: str | Path | None = None,
-        checkpoint: str | Path | None = None,
+        log_dir: Location | None = None,
+        checkpoint: Location | None = None,
         verbose: Natural = 0,
     ) -> None:
         super().__init__(verbose)

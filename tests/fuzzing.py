@@ -128,8 +128,8 @@ def _is(annotation: Any, value: Any, infinite: bool) -> bool:
     if origin in (Sequence, list):
         return isinstance(value, list | tuple) and all(allows(args[0], each) for each in value)
     if origin is tuple:
-        fits = isinstance(value, tuple) and len(value) == len(args)
-        return fits and all(map(allows, args, value))
+        kinds = args if ... not in args else args[:1] * len(value) if isinstance(value, tuple) else ()
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(allows, kinds, value))
     if origin in (Mapping, dict):
         return isinstance(value, dict) and all(allows(args[0], k) and allows(args[1], v) for k, v in value.items())
     if origin is type:

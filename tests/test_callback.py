@@ -18,8 +18,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
-from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv, ProbabilisticEnsemble
+from helpers import ENV_ID, TruePendulum, imagination_env, small_callback, small_sac, state_of
+from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv, Optimistic, ProbabilisticEnsemble
 from sb3_hucrl.dynamics import LEARNED
 from sb3_hucrl.envs.pendulum import PendulumEnv
 from sb3_hucrl.tasks import PendulumTask, Task
@@ -254,6 +254,29 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
+        (
+            {"exploration_kwargs": {"beta": "theory"}},
+            "beta is 'theory', which needs a Gaussian .* not ProbabilisticEns",
+        ),
+        ({"exploration": "thompson", "dynamics": TruePendulum()}, "TruePendulum has no posterior samples"),
+        (
+            {"exploration": "greedy", "exploration_kwargs": {"propagation": "ts1"}, "dynamics": TruePendulum()},
+            "TruePendulum has no posterior samples",
+        ),
+    ],
+)
+def test_a_model_without_what_the_strategy_needs_is_refused_before_any_real_step(
+    kwargs: dict[str, Any], message: str
+) -> None:
+    env = imagination_env(hallucinate="exploration" not in kwargs)
+    with pytest.raises(ValueError, match=message):
+        small_sac(env).learn(80, callback=HUCRLCallback(**kwargs))
+    assert env.get_attr("total_steps")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
         ({"initial_episodes": 0}, "initial_episodes is 0: give an integer of at least 1"),
         ({"real_episodes": 0}, "real_episodes is 0"),
         ({"imagined_steps": 0}, "imagined_steps is 0"),
@@ -264,6 +287,20 @@ def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() ->
         ({"exploration": "bold"}, "unknown exploration 'bold'"),
         ({"dynamics": "tree"}, "unknown dynamics 'tree'"),
         ({"uncertainty_cap": 0.0}, "uncertainty_cap is 0.0: give a finite number above 0"),
+        ({"real_episodes": 1.5}, "real_episodes is 1.5: give an integer"),
+        ({"dynamics_kwargs": {"batch_size": 0}}, "dynamics_kwargs.batch_size is 0: give an integer of at least 1"),
+        ({"dynamics_kwargs": {"learning_rate": 0}}, "dynamics_kwargs.learning_rate is 0: give a finite number above 0"),
+        ({"dynamics_kwargs": {"bootstrap": "no"}}, "dynamics_kwargs.bootstrap is 'no': give True or False"),
+        ({"dynamics_kwargs": {"batchsize": 1}}, r"batchsize is no argument .* \(did you mean 'batch_size'\?\)"),
+        ({"planner": "icem", "planner_kwargs": {"horizn": 5}}, r"planner_kwargs.horizn .*did you mean 'horizon'"),
+        ({"dyna_mpc": {"sampels": 5}}, r"dyna_mpc.sampels .*did you mean 'samples'"),
+        ({"task": "learned", "task_kwargs": {"context": [0]}}, r"task_kwargs.context .*did you mean 'context_dims'"),
+        ({"start_states": {"visted": 1}}, r"start_states.visted .*did you mean 'visited'"),
+        ({"start_states": {"visited": 0}}, "start_states is .*: give at least one weight above 0"),
+        ({"exploration": Optimistic(), "exploration_kwargs": {"beta": 1}}, "exploration_kwargs is .* strategy itself"),
+        ({"dynamics": TruePendulum(), "dynamics_kwargs": {"batch_size": 1}}, "dynamics_kwargs is .* the model itself"),
+        ({"task_kwargs": {"context_dims": [0]}}, "task_kwargs is .* the task by name"),
+        ({"horizn": 5}, r"horizn is no argument of HUCRLCallback \(did you mean 'horizon'\?\)"),
         ({"exploration_kwargs": {"beta": -2}}, "exploration_kwargs.beta is -2"),
     ],
 )

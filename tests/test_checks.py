@@ -37,6 +37,7 @@ class Sample:
     weights: Mapping[str, NotNegative] | None = None
     function: Callable[[int], int] | None = None
     other: Sample | None = None
+    names: tuple[str, ...] = ()
 
 
 @validated
@@ -64,6 +65,7 @@ class Derived(Base):
         *[("weights", value) for value in ({"a": -1}, {"a": "1"}, {1: 1.0}, [1.0])],
         ("function", 3),
         ("other", "sample"),
+        ("names", [1]),
     ],
 )
 def test_a_wrong_value_is_named(name: str, value: Any) -> None:

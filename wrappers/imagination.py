@@ -19,7 +19,6 @@ from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_obs
 LONG_STEPS, LONG_EPISODES = 5_000, 20
 
 
-@validated
 class ImaginationVecEnv(VecEnvWrapper):
     """
     Passes everything through to the real environments, until :meth:`imagine` puts a learned world in their place.

@@ -81,10 +81,10 @@ def in_words(annotation: Any) -> str:
         return _either(map(repr, args))
     if origin in (Mapping, dict):
         return "a mapping of names" if args[1] is Any else f"a mapping, each value {in_words(args[1])}"
-    if origin in (Sequence, list):
-        return f"a list, each entry {in_words(args[0])}"
-    if origin is tuple:
+    if origin is tuple and ... not in args:
         return f"{len(args)} values: {', '.join(map(in_words, args))}"
+    if origin in (Sequence, list, tuple):
+        return f"a list, each entry {in_words(args[0])}"
     if origin is Callable:
         return "a function"
     if origin is type:

@@ -1,13 +1,16 @@
-"""Ranges of numbers, for signatures. A description is what an error tells the user to give."""
+"""Kinds of values, mostly ranges of numbers, for signatures. A description is what an error tells the user to give."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
 Count: TypeAlias = Annotated[int, Field(ge=1, description="an integer of at least 1")]
 Natural: TypeAlias = Annotated[int, Field(ge=0, description="an integer of at least 0")]
+#: of a file or a folder
+Location: TypeAlias = str | Path
 #: PyTorch's generators take 64 bits
 Seed: TypeAlias = Annotated[int, Field(ge=0, lt=2**63, description="an integer from 0 to 2**63 - 1")]
 Real: TypeAlias = Annotated[float, Field(description="a finite number")]
