@@ -46,7 +46,7 @@ class Checkpoint:
     :raises ValueError: if another process writes the same file
     """
 
-    def __init__(self, model: BaseAlgorithm, path: str | None) -> None:
+    def __init__(self, model: BaseAlgorithm, path: str | Path | None) -> None:
         self._model, self._path = model, None if path is None else Path(path)
         self._lock: FileLock | None = None
         self._kept: Path | None = None
