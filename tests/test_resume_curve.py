@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Callable
@@ -19,7 +20,7 @@ import sb3_hucrl.zoo  # noqa: F401  # for its effect
 from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HUCRLCallback, plot_run
 from sb3_hucrl.sb3 import saved_curve
-from sb3_hucrl.sb3.curve import carried_curve
+from sb3_hucrl.sb3.curve import carried_lines, line_of
 from sb3_hucrl.zoo.runs import ZooRun
 
 DATA = Path(__file__).parent / "data"
@@ -216,10 +217,23 @@ def test_without_a_folder_the_zip_has_the_curve_all_the_same(tmp_path: Path) -> 
 
 def test_an_episode_that_was_noted_and_not_stored_is_not_in_the_curve() -> None:
     model = small_sac(imagination_env(max_episode_steps=40)).learn(80, callback=small_callback())
-    rows = carried_curve(model)["monitor"]
+    rows = carried_lines(model)["monitor"]
     kept = [*rows]
-    rows.append({"r": 1.0, "l": 40, "t": 1_000.0})
-    assert carried_curve(model)["monitor"] == kept
+    rows.append(line_of({"r": 1.0, "l": 40, "t": 1_000.0}))
+    assert carried_lines(model)["monitor"] == kept
+
+
+def test_the_curve_of_an_earlier_version_goes_on() -> None:
+    model = small_sac(imagination_env(max_episode_steps=40)).learn(80, callback=small_callback())
+    lines = carried_lines(model)
+    assert carried_lines(model) is lines
+    # In which every value was a line of the file.
+    rows = {"progress": [*map(json.loads, lines["progress"])], "monitor": [*map(json.loads, lines["monitor"])]}
+    vars(model)["hucrl_curve"] = rows
+    model.learn(80, callback=small_callback(), reset_num_timesteps=False)
+    now = carried_lines(model)
+    assert now["progress"][:2] == lines["progress"]
+    assert [json.loads(each)["l"] for each in now["monitor"]] == [40] * 3
 
 
 class EndsBetweenEpisodes(HUCRLCallback):

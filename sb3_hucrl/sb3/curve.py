@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from itertools import accumulate
@@ -13,7 +14,7 @@ import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.loop import HUCRLState
-from sb3_hucrl.sb3.saved import read_attribute
+from sb3_hucrl.sb3.saved import read_attribute, read_row
 from sb3_hucrl.sb3.state import ATTRIBUTE as STATE
 from sb3_hucrl.sb3.state import CURVE_ATTRIBUTE as ATTRIBUTE
 from sb3_hucrl.sb3.state import get_state
@@ -34,14 +35,32 @@ class Curve(TypedDict):
     monitor: list[Row]
 
 
-def carried_curve(model: BaseAlgorithm) -> Curve:
+class Lines(TypedDict):
+    """
+    The same, each row as a line of JSON: SB3 would write every number to a line of its own, and a long run would spend
+    its time on that.
+
+    :param progress: rows of ``progress.csv``
+    :param monitor: rows of ``monitor.csv``
+    """
+
+    progress: list[str]
+    monitor: list[str]
+
+
+def carried_lines(model: BaseAlgorithm) -> Lines:
     """
     :param model: SB3 algorithm
     :return: the curve that it carries from now on; what is appended to it travels in the algorithm's zip file
     """
-    curve = _whole(getattr(model, ATTRIBUTE, None), get_state(model))
-    setattr(model, ATTRIBUTE, curve)
-    return curve
+    found: Any = getattr(model, ATTRIBUTE, None)
+    whole = _whole(_read(found), get_state(model))
+    lines = Lines(progress=[*map(line_of, whole["progress"])], monitor=[*map(line_of, whole["monitor"])])
+    # Somebody may append to it already.
+    if found != lines:
+        setattr(model, ATTRIBUTE, lines)
+    carried: Lines = getattr(model, ATTRIBUTE)
+    return carried
 
 
 def saved_curve(path: str | Path) -> Curve | None:
@@ -50,22 +69,29 @@ def saved_curve(path: str | Path) -> Curve | None:
     :return: the curve in it, or None if no :class:`sb3_hucrl.HUCRLCallback` has trained the algorithm
     """
     state = read_attribute(path, STATE)
-    return None if state is None else _whole(read_attribute(path, ATTRIBUTE), state)
+    return None if state is None else _whole(_read(read_attribute(path, ATTRIBUTE)), state)
 
 
-def monitor_recorder(curve: Curve) -> Callable[[Mapping[str, Any]], None]:
+def monitor_recorder(lines: Lines) -> Callable[[Mapping[str, Any]], None]:
     """
-    :param curve: to append to
+    :param lines: to append to
     :return: to be called, at the end of each real episode, with what Monitor says of it
     """
-    rows = curve["monitor"]
+    rows = lines["monitor"]
     # Monitor counts from when its environment was made, each time anew.
-    begun = time.monotonic() - (rows[-1]["t"] if rows else 0.0)
+    begun = time.monotonic() - (read_row(rows[-1])["t"] if rows else 0.0)
 
     def record(episode: Mapping[str, Any]) -> None:
-        rows.append(plain({**episode, "t": round(time.monotonic() - begun, 6)}))
+        rows.append(line_of(plain({**episode, "t": round(time.monotonic() - begun, 6)})))
 
     return record
+
+
+def line_of(row: Row) -> str:
+    """
+    :param row: of plain numbers and texts
+    """
+    return json.dumps(row)
 
 
 def plain(values: Mapping[str, Any]) -> Row:
@@ -83,9 +109,13 @@ def plain(values: Mapping[str, Any]) -> Row:
     return row
 
 
-def _whole(curve: Curve | None, state: HUCRLState | None) -> Curve:
+def _read(saved: Any) -> Curve:
+    rows = {"progress": [], "monitor": []} if saved is None else saved
+    return Curve(progress=[*map(read_row, rows["progress"])], monitor=[*map(read_row, rows["monitor"])])
+
+
+def _whole(whole: Curve, state: HUCRLState | None) -> Curve:
     """The curve, with what the real transitions say where files of earlier versions have none."""
-    whole = Curve(progress=[], monitor=[]) if curve is None else curve
     if state is None or len(whole["monitor"]) == state.real_episodes:
         return whole
     lengths = state.dataset.lengths

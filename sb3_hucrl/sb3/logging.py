@@ -19,8 +19,9 @@ from stable_baselines3.common.logger import (
 from sb3_hucrl.dynamics.calibration import Calibration
 from sb3_hucrl.loop import Report
 from sb3_hucrl.plots import reliability_figure
-from sb3_hucrl.sb3.curve import Row, carried_curve, plain
+from sb3_hucrl.sb3.curve import carried_lines, line_of, plain
 from sb3_hucrl.sb3.dumps import HeldDumps
+from sb3_hucrl.sb3.saved import read_row
 
 #: outputs in which a value per state dimension would hide the rest
 TERSE = ("stdout", "log")
@@ -31,21 +32,21 @@ class CurveOutput(KVWriter):
     An output of SB3's logger that remembers the rows of ``progress.csv``, and writes the file if there is a folder for
     it. The file begins with the rows so far, whatever was in it.
 
-    :param rows: so far; it grows
+    :param lines: rows so far, as JSON; it grows
     :param folder: is made if it does not exist; None for no file
     """
 
-    def __init__(self, rows: list[Row], folder: str | Path | None) -> None:
-        self._rows, self._csv = rows, None
+    def __init__(self, lines: list[str], folder: str | Path | None) -> None:
+        self._lines, self._csv = lines, None
         if folder is not None:
             Path(folder).mkdir(parents=True, exist_ok=True)
             self._csv = CSVOutputFormat(str(Path(folder) / "progress.csv"))
-            for row in rows:
-                self._csv.write(row, {})
+            for line in lines:
+                self._csv.write(read_row(line), {})
 
     def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
         row = plain(filter_excluded_keys(key_values, key_excluded, "csv"))
-        self._rows.append(row)
+        self._lines.append(line_of(row))
         if self._csv is not None:
             self._csv.write(row, {})
 
@@ -70,7 +71,7 @@ class TrainingLog:
         self._model = model
         # An interrupted training has left its own here.
         self._remove_output()
-        model.logger.output_formats.append(CurveOutput(carried_curve(model)["progress"], folder))
+        model.logger.output_formats.append(CurveOutput(carried_lines(model)["progress"], folder))
         self._dumps = HeldDumps(model.logger, held)
 
     def record(self, report: Report) -> None:

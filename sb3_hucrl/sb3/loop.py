@@ -10,7 +10,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl.loop import HUCRLState, Loop, Report, Settings
-from sb3_hucrl.sb3.curve import carried_curve, monitor_recorder, plain
+from sb3_hucrl.sb3.curve import carried_lines, monitor_recorder, plain
 from sb3_hucrl.sb3.normalization import carry_normalization
 from sb3_hucrl.sb3.stack import read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
@@ -41,7 +41,7 @@ def make_loop(
     if isinstance(problem.task, LearnedReward):
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     carried = get_state(model)
-    systems = real_systems(env.venv, monitor_recorder(carried_curve(model)))
+    systems = real_systems(env.venv, monitor_recorder(carried_lines(model)))
 
     def on_played() -> None:
         # From here on the search is over, even if the training ends before the next one begins.

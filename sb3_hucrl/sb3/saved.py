@@ -55,6 +55,14 @@ def read_attribute(path: str | Path, name: str) -> Any:
     return found[name]
 
 
+def read_row(saved: str | dict[str, Any]) -> dict[str, Any]:
+    """
+    :param saved: row of a learning curve: a line of JSON, or what that says in files of earlier versions
+    """
+    row: dict[str, Any] = json.loads(saved) if isinstance(saved, str) else saved
+    return row
+
+
 def real_steps_in(path: Path) -> int | None:
     """
     :param path: of a file that exists
@@ -63,7 +71,7 @@ def real_steps_in(path: Path) -> int | None:
     try:
         episodes = _read_data(path).get(CURVE_ATTRIBUTE, {}).get("monitor")
         if episodes:
-            return int(sum(row["l"] for row in episodes))
+            return int(sum(read_row(row)["l"] for row in episodes))
         # Files of earlier versions have no curve, and environments without a Monitor no rows in it.
         state = read_attribute(path, ATTRIBUTE)
     except Exception:  # whatever the classes in it raise: the caller asks whether it may be overwritten
