@@ -214,7 +214,7 @@ def reshaped(hallucinated_dim: int, time_limit: int) -> gym.Env[Any, Any]:
 @pytest.mark.slow
 def test_processes_need_not_send_the_functions_of_wrappers() -> None:
     env = ImaginationVecEnv(SubprocVecEnv([partial(reshaped, 2, 20)] * 2))
-    with pytest.raises(ValueError, match=r"whose reward is .* around the environment lie TransformAction; take such"):
+    with pytest.raises(ValueError, match=r"whose reward is .* around the environment: TransformAction; take"):
         small_sac(env, seed=0).learn(80, callback=small_callback(task=GymnasiumPendulumTask()))
     env.close()
     env = ImaginationVecEnv(SubprocVecEnv([partial(reshaped, 3, 20)] * 2))

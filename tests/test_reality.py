@@ -17,6 +17,7 @@ from gymnasium.wrappers import (
     NormalizeObservation,
     NormalizeReward,
     RescaleAction,
+    TimeAwareObservation,
     TimeLimit,
     TransformObservation,
     TransformReward,
@@ -72,9 +73,17 @@ WRAPPED: list[tuple[str, Callable[[Env], Env], str]] = [
         r"GymnasiumPendulumTask, whose reward is -[\d.]+ at step 1 of real .*NormalizeRew",
     ),
     ("Pendulum-v1", push, r"whose reward is .*TransformReward"),
-    ("Pendulum-v1", lambda env: rescaled(env, 1), r"reward is .*lie RescaleAction"),
-    ("Pendulum-v1", NormalizeObservation, r"observe\(state\(observation\)\)\[\d\] is .*lie NormalizeObservation"),
-    ("Pendulum-v1", lambda env: DelayObservation(env, 2), r"observe\(state\(observation\)\).*lie DelayObservation"),
+    ("Pendulum-v1", lambda env: rescaled(env, 1), r"reward is .*environment: RescaleAction"),
+    (
+        "Pendulum-v1",
+        NormalizeObservation,
+        r"observe\(state\(observation\)\)\[\d\] is .*environment: NormalizeObservation",
+    ),
+    (
+        "Pendulum-v1",
+        lambda env: DelayObservation(env, 2),
+        r"observe\(state\(observation\)\).*environment: Delay",
+    ),
     (
         "MountainCarContinuous-v0",
         NormalizeObservation,
@@ -89,7 +98,7 @@ WRAPPED: list[tuple[str, Callable[[Env], Env], str]] = [
 def test_a_wrapper_that_changes_what_the_task_says_is_found_out(
     env_id: str, wrap: Callable[[Env], Env], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=message + r".*or learn it, task: learned"):
+    with pytest.raises(ValueError, match=message + r".*; take that away, correct .*task: learned"):
         played(wrap(gym.make(env_id)), episodes=5)
 
 
@@ -111,6 +120,11 @@ def test_a_wrapper_that_changes_nothing_of_what_is_known_is_accepted(
     env_id: str, wrap: Callable[[Env], Env], task: Task | str | None
 ) -> None:
     played(wrap(gym.make(env_id)), task, episodes=2)
+
+
+def test_another_number_of_observed_values_is_refused_before_any_real_step() -> None:
+    with pytest.raises(ValueError, match=r"Task.state failed .* changes the number of observed values"):
+        Problem.from_env(TimeAwareObservation(gym.make("Pendulum-v1")), ModelSettings())
 
 
 def test_late_rewards_are_found_out() -> None:
@@ -167,7 +181,7 @@ def changed(thing: Any, **attributes: object) -> Any:
 @pytest.mark.parametrize(
     ("env", "task", "message"),
     [
-        ({"goal_speed": 0.1}, {}, r"context\[0\] is .* at step 1 of .*such as a goal, changes within an episode"),
+        ({"goal_speed": 0.1}, {}, r"context\[0\] is .* at step 1 of .*a goal, or .* that changes within an episode"),
         ({}, {"shift": 0.1}, r"TrackTask, whose reward is \S+ at step 1"),
         ({}, {"shift": float("nan")}, "TrackTask, whose reward is nan at step 1"),
         ({}, {"end": 2.0}, r"terminated is False .* gave True"),

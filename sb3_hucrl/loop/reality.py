@@ -93,7 +93,7 @@ class Reality:
                 f"context[{dim}]",
                 before[row, dim],
                 after[row, dim],
-                "what the task takes for constant, such as a goal, changes within an episode",
+                "a goal, or what else the task takes for constant, that changes within an episode",
             )
 
     def _compare_terminations(self, episode: RealEpisode) -> None:
@@ -137,16 +137,15 @@ class Reality:
         self, episode: RealEpisode, step: int, what: str, told: th.Tensor, given: th.Tensor, cause: str
     ) -> None:
         problem = self._problem
-        name, wrappers = type(problem.task).__name__, problem.wrappers
-        lies = f"; around the environment lie {', '.join(wrappers)}" if wrappers else ""
-        width = problem.observation_space.shape[0]
-        room = ""
+        if problem.wrappers:
+            cause = f"what lies around the environment: {', '.join(problem.wrappers)}"
+        width, room = problem.observation_space.shape[0], ""
         if 0 < problem.action_space.shape[0] - problem.action_dim != width:
             room = f" with HallucinationWrapper(env, hallucinated_dim={width})"
         raise ValueError(
-            f"task is {name}, whose {what} is {_shown(told)} at step {step} of real episode {episode.number}, where "
-            f"the environment gave {_shown(given)}: likely {cause}{lies}; take such wrappers away, correct the task "
-            f"or its arguments, or learn it, task: learned{room}"
+            f"task is {type(problem.task).__name__}, whose {what} is {_shown(told)} at step {step} of real episode "
+            f"{episode.number}, where the environment gave {_shown(given)}: the likely cause is {cause}; take that "
+            f"away, correct the task or its arguments, or learn it, task: learned{room}"
         )
 
 

@@ -46,10 +46,12 @@ def check_task(task: Task, observation_dim: Count, action_dim: Count) -> None:
 def _ask(task: Task, method: str, *arguments: Any) -> Any:
     try:
         return getattr(task, method)(*arguments)
-    except (IndexError, RuntimeError) as error:
+    except (IndexError, RuntimeError, ValueError) as error:
         shapes = [tuple(argument.shape) for argument in arguments if isinstance(argument, th.Tensor)]
         raise ValueError(
-            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): is it the task of this environment?"
+            f"{type(task).__name__}.{method} failed for shapes {shapes} ({error}): is it the task of this "
+            "environment, and is there no wrapper that changes the number of observed values? If not, give "
+            "task: learned"
         ) from error
 
 
