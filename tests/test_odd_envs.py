@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch as th
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit, TransformAction
 from stable_baselines3 import SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
@@ -64,6 +65,20 @@ class Odd(gym.Env[Any, Any]):
         shape, dtype = self.observation_space.shape, self.observation_space.dtype
         assert shape is not None
         return np.resize(self.place, shape).astype(dtype)
+
+
+class OneArray(Odd):
+    """Writes every observation into the same array, and actions over the old ones."""
+
+    def observe(self) -> Any:
+        self.shown = getattr(self, "shown", np.zeros(2, dtype=np.float32))
+        self.shown[:] = self.place
+        return self.shown
+
+    def step(self, action: Any) -> Any:
+        result = super().step(action)
+        action[:] = 0.0
+        return result
 
 
 class OtherReset(Odd):
@@ -184,6 +199,28 @@ def test_refuses(name: str) -> None:
     options, message = REFUSED[name]
     with pytest.raises(ValueError, match=message):
         learn(stack(**options))
+
+
+def test_an_environment_may_use_its_arrays_again() -> None:
+    once, always = (state_of(learn(stack(kind))).dataset.transitions for kind in (Odd, OneArray))
+    assert th.equal(once.states, always.states)
+    assert th.equal(once.next_states, always.next_states)
+    assert th.equal(once.actions, always.actions)
+
+
+def test_an_episode_that_its_time_limit_does_not_end_is_refused() -> None:
+    def endless() -> gym.Env[Any, Any]:
+        return HallucinationWrapper(gym.make("Pendulum-v1", max_episode_steps=-1))
+
+    def unlimited() -> gym.Env[Any, Any]:
+        env = Odd(terminated=lambda x, step: False)
+        env.spec = EnvSpec("Unlimited-v0", max_episode_steps=30)
+        return HallucinationWrapper(env)
+
+    with pytest.raises(ValueError, match=r"not ended after 30 steps \(environment 0\), .*wrappers.TimeLimit"):
+        small_sac(ImaginationVecEnv(DummyVecEnv([unlimited] * 2))).learn(80, callback=small_callback())
+    with pytest.raises(ValueError, match="has no time limit"):
+        small_sac(ImaginationVecEnv(DummyVecEnv([endless] * 2))).learn(80, callback=small_callback())
 
 
 def test_a_reset_of_another_shape_is_refused_and_what_was_learned_stays() -> None:

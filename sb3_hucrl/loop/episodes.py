@@ -101,6 +101,12 @@ class _Episode:
         self._observe(observation)
         if terminated or truncated:
             self.transitions = self._finish(bool(terminated))
+        elif len(self._actions) >= self._problem.episode_length:
+            raise ValueError(
+                f"a real episode has not ended after {len(self._actions)} steps (environment {self._index}), which is "
+                "the time limit of its specification: wrap the environment in gymnasium.wrappers.TimeLimit, which ends "
+                "it there"
+            )
 
     def _finish(self, terminated: bool) -> Transitions:
         task, observations = self._problem.task, th.as_tensor(np.stack(self._observations), dtype=th.float32)
@@ -131,7 +137,8 @@ class _Episode:
     def _finite(
         self, name: str, value: npt.ArrayLike, shape: tuple[int, ...], meaning: str
     ) -> npt.NDArray[np.floating[Any]]:
-        array = np.asarray(value, dtype=np.float32)
+        # A copy: some environments write every observation into the same array.
+        array = np.array(value, dtype=np.float32)
         where = f"at step {len(self._actions)} (environment {self._index})"
         if array.shape != shape:
             raise ValueError(

@@ -78,7 +78,7 @@ class Problem:
         task = resolve_task(settings.task, settings.task_kwargs or {}, spec, observation_dim)
         if time_limit is None and spec is not None:
             time_limit = spec.max_episode_steps
-        if time_limit is None:
+        if time_limit is None or time_limit < 1:
             raise ValueError(
                 "the environment has no time limit, so a real episode may never end: make it with "
                 "gymnasium.make(..., max_episode_steps=1000), register it with max_episode_steps, or wrap it in "
