@@ -212,6 +212,14 @@ def test_divergence_names_variable_step_and_trajectory() -> None:
         imagination.step(np.zeros((2, 1), dtype=np.float32))
 
 
+@pytest.mark.parametrize("shape", [(4, 1), (1, 3), (3,), (4, 4), (2, 3)])
+def test_actions_that_would_be_stretched_are_refused(shape: tuple[int, ...]) -> None:
+    world = small_world()
+    assert len(world.step(th.zeros(4, 2), th.zeros(4, 3), None).reward) == 4
+    with pytest.raises(ValueError, match=r"the actions have shape .*: give \(4, 3\)"):
+        world.step(th.zeros(4, 2), th.zeros(shape), None)
+
+
 def test_what_a_task_makes_of_a_finite_state_is_no_divergence() -> None:
     class Root(PendulumTask):
         def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:

@@ -191,6 +191,7 @@ def test_a_world_of_other_actions_is_refused() -> None:
     [
         (VecNormalize, r"bypass it: put it around, VecNormalize\(ImaginationVecEnv\(vec_env\)\)"),
         (VecMonitor, "bypass it: leave it out"),
+        (ImaginationVecEnv, "bypass it: leave one of the two out"),
         (lambda venv: VecFrameStack(venv, 2), r"bypass it: .*FlattenObservation\(FrameStackObservation\(env, 4\)\)"),
         (VecCheckNan, "bypass it: use a gymnasium wrapper around each"),
     ],

@@ -212,6 +212,19 @@ def test_single_precision_at_a_threshold_is_no_disagreement() -> None:
     played(TimeLimit(OnTheEdge(), 10), TrackTask(), episodes=3)
 
 
+def test_rewards_that_are_nearly_zero_are_no_disagreement() -> None:
+    class Faint(Track):
+        def step(self, action: Any) -> Any:
+            observation, _, *rest = super().step(action)
+            return observation, 1.4e-43, *rest
+
+    class FaintTask(TrackTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return th.full_like(next_state[:, 0], 1.5e-43)
+
+    played(TimeLimit(Faint(), 20), FaintTask(), episodes=2)
+
+
 def test_what_has_agreed_for_long_is_not_compared_any_more() -> None:
     task = TrackTask()
     env = TimeLimit(Track(), 50)

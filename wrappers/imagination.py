@@ -168,6 +168,8 @@ class ImaginationVecEnv(VecEnvWrapper):
 def _instead_of(wrapper: VecEnvWrapper) -> str:
     if isinstance(wrapper, VecNormalize):
         return "put it around, VecNormalize(ImaginationVecEnv(vec_env)), in a YAML file normalize: true"
+    if isinstance(wrapper, ImaginationVecEnv):
+        return "leave one of the two out"
     if isinstance(wrapper, VecMonitor):
         return "leave it out, because make_vec_env has put a Monitor around each environment"
     if isinstance(wrapper, VecFrameStack):

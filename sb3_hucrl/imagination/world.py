@@ -130,7 +130,13 @@ class World:
         :param state: shape (B, p + c)
         :param action: (a, a′), shape (B, q + h)
         :param generator: draws the noise, on the state's device; None for no noise
+        :raises ValueError: if the actions have another shape, which PyTorch might stretch to fit
         """
+        if action.shape != (len(state), len(self.low)):
+            raise ValueError(
+                f"the actions have shape {tuple(action.shape)}: give {(len(state), len(self.low))}, one (a, a′) "
+                "for each state"
+            )
         task = self.task
         real_action, hallucinated = self.split(action)
         has_context = task.context_dim > 0

@@ -146,7 +146,9 @@ class _Episode:
                 f"{meaning}"
             )
         if broken := first_not_finite(name, array):
-            raise ValueError(f"the real environment returned {broken} {where}: it must be finite; correct it there")
+            raise ValueError(
+                f"the real environment returned {broken} {where}: it must be finite in float32; correct it there"
+            )
         return array
 
 

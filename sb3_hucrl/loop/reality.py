@@ -117,7 +117,8 @@ class Reality:
     def _compare_rewards(self, episode: RealEpisode) -> None:
         real = episode.transitions
         told = self._problem.task.reward(real.states, real.actions, real.next_states)
-        rounding = REWARD_ROUNDING * float(real.rewards.abs().max())
+        # Rewards that are nearly zero have hardly any digits.
+        rounding = max(REWARD_ROUNDING * float(real.rewards.abs().max()), th.finfo(th.float32).tiny)
         for row in (~((told - real.rewards).abs() <= rounding)).nonzero()[:, 0].tolist():
             near, paid = _neighbours(real, row), float(real.rewards[row])
             around = self._problem.task.reward(near.states, near.actions, near.next_states)
