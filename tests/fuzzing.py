@@ -21,8 +21,9 @@ from sb3_hucrl.loop import ModelSettings, RealSettings, SearchSettings
 from sb3_hucrl.planning import PLANNERS
 from sb3_hucrl.registry import Registry
 
-#: adapters to SB3 and rl_zoo3 and command lines: they get the library's own objects, or parse what they are given
-INTERNAL = {"checks", "diagnosis", "pictures", "sb3", "zoo", "zoo_hyperparams"}
+#: adapters to SB3 and rl_zoo3 and command lines: they get the library's own objects, or parse what they are given; and
+#: what forwards names of old files
+INTERNAL = {"checks", "diagnosis", "pictures", "sb3", "zoo", "zoo_hyperparams", "parameters", "state"}
 #: what the library makes itself and hands out, some of it in every imagined step
 RECORDS = {
     "BanditRun",
@@ -34,14 +35,17 @@ RECORDS = {
     "Particles",
     "Plan",
     "Prediction",
+    "PromisedReturn",
     "Proposal",
     "Report",
     "Rollout",
     "Trajectories",
     "WorldStep",
 }
-#: arithmetic of every step, real or imagined
+#: called in every step, real or imagined
 INNER_LOOP = {"tolerance"}
+#: part of what is checked
+PARTS = {"lacking", "require_ability"}
 #: modules whose names are public although their package does not export them
 MODULES = ["sb3_hucrl.exploration", "sb3_hucrl.theory.bandit"]
 REGISTRIES: tuple[Registry[Any], ...] = (DYNAMICS, STRATEGIES, PLANNERS, ENVIRONMENTS)
@@ -53,25 +57,31 @@ VALUES: list[Any] = [
 
 
 def public_targets() -> dict[str, Callable[..., Any]]:
-    """All public classes and functions of the library by name, those included that are made by a registered name."""
-    found = {}
-    packages = [each.name for each in pkgutil.iter_modules(sb3_hucrl.__path__, "sb3_hucrl.") if each.ispkg]
-    for name in ["sb3_hucrl", *packages, *MODULES]:
-        if name.removeprefix("sb3_hucrl.") in INTERNAL:
+    """
+    Classes and functions by name: those that a package exports, those that are made by a registered name, and all
+    others that say they are checked. Parts of them, such as a network's layers, are the library's own affair.
+    """
+    found: dict[str, Any] = {}
+    for package in pkgutil.walk_packages(sb3_hucrl.__path__, "sb3_hucrl."):
+        if package.name.split(".")[1] in INTERNAL:
             continue
-        module = importlib.import_module(name)
-        own = [each for each, value in vars(module).items() if getattr(value, "__module__", None) == name]
-        for each in own if name in MODULES else module.__all__:
-            found[each] = getattr(module, each)
+        names = vars(importlib.import_module(package.name))
+        own = {name: each for name, each in names.items() if getattr(each, "__module__", "") == package.name}
+        found |= {name: each for name, each in own.items() if any(map(_is_checked, called_functions(each)))}
+        found |= {name: names[name] for name in names.get("__all__", own if package.name in MODULES else ())}
+    found |= {name: getattr(sb3_hucrl, name) for name in sb3_hucrl.__all__}
     for registry in REGISTRIES:
-        for name in registry:
-            target = registry.resolve(name)
-            found[target.__name__] = target
+        targets = [registry.resolve(name) for name in registry]
+        found |= {target.__name__: target for target in targets}
     return {name: target for name, target in sorted(found.items()) if _counts(name, target)}
 
 
+def _is_checked(function: object) -> bool:
+    return hasattr(function, "checks")
+
+
 def _counts(name: str, target: Any) -> bool:
-    if name.startswith("_") or name in RECORDS | INNER_LOOP:
+    if name.startswith("_") or name in RECORDS | INNER_LOOP | PARTS:
         return False
     callable_ = inspect.isfunction(target) or (isinstance(target, type) and not issubclass(target, Exception))
     own = str(getattr(target, "__module__", "")).startswith("sb3_hucrl")
