@@ -1,6 +1,6 @@
 """Settings of the documentation: ``make docs`` builds it, without a network."""
 
-from sb3_hucrl import __version__
+from sb3_hucrl import __version__, checks
 
 project = "sb3_hucrl"
 version = release = __version__
@@ -18,6 +18,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented"
 autodoc_typehints_format = "short"
+# Ranges of numbers by their names: sb3_hucrl.checks says what they are.
+autodoc_type_aliases = {name: name for name in checks.__all__ if hasattr(checks.kinds, name)}
 # What overrides a method of gymnasium or PyTorch does what theirs says.
 autodoc_inherit_docstrings = False
 autodoc_default_options = {"members": True, "show-inheritance": True}
