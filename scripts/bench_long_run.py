@@ -71,6 +71,7 @@ def main() -> None:
             horizon=10,
             initial_steps=1,
             real_steps=1,
+            sampling_fraction=0.0,
             dynamics_kwargs={"net_arch": [16], "gradient_steps": 20},
             checkpoint=str(checkpoint),
         )
