@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import glob
 import os
 import secrets
@@ -75,6 +76,8 @@ class FileLock:
         while not self._take():
             # Whoever held it has removed the file since it was opened: what is locked now has no name.
             os.close(self._file)
+        # After an error nobody else releases it.
+        atexit.register(self.release)
 
     def _take(self) -> bool:
         import fcntl  # late, because Windows has none
@@ -91,6 +94,9 @@ class FileLock:
             raise ValueError(
                 f"another process is writing {self._target}: wait until it ends, or give another path"
             ) from error
+        return self._has_name()
+
+    def _has_name(self) -> bool:
         with suppress(FileNotFoundError):
             return os.path.samestat(os.fstat(self._file), os.stat(self._path))
         return False
@@ -99,5 +105,8 @@ class FileLock:
         """Let other processes take it. To be called once."""
         if sys.platform == "win32":
             return
-        self._path.unlink(missing_ok=True)
+        atexit.unregister(self.release)
+        # Of two locks of one process, the first to be released ends both, and the name may be another process's now.
+        if self._has_name():
+            self._path.unlink()
         os.close(self._file)

@@ -219,8 +219,20 @@ def test_another_process_cannot_write_the_same_checkpoint(tmp_path: Path) -> Non
     assert not (tmp_path / "checkpoint.zip.lock").exists()
 
 
+@pytest.mark.slow
+def test_an_error_leaves_no_lock_behind(tmp_path: Path) -> None:
+    code = HOLD.replace("sys.stdin.read()", "raise KeyboardInterrupt")
+    process = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a")], capture_output=True, check=False)
+    assert process.stdout == b"held\n"
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_same_process_may_take_a_lock_again(tmp_path: Path) -> None:
     first, second = FileLock(tmp_path / "a"), FileLock(tmp_path / "a")
     second.release()
+    assert not list(tmp_path.iterdir())
+    third = FileLock(tmp_path / "a")
     first.release()
+    assert [each.name for each in tmp_path.iterdir()] == ["a.lock"]
+    third.release()
     assert not list(tmp_path.iterdir())

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch as th
 from stable_baselines3 import SAC
 
 from helpers import ENV_ID, TruePendulum, imagination_env, small_callback, small_sac, state_of
@@ -32,11 +33,15 @@ def go_on(path: Path, max_episode_steps: int = 40, **settings: Any) -> SAC:
     return model.learn(80, callback=small_callback(**settings), reset_num_timesteps=False)
 
 
-def test_the_same_settings_go_on_with_the_same_model_in_silence(saved: Path) -> None:
+def test_the_same_settings_go_on_with_the_same_model_and_data(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = state_of(SAC.load(saved, device="cpu"))
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        state = state_of(go_on(saved))
+        state = state_of(go_on(saved, verbose=1))
+    said = "Resuming with 2 real episodes, 80 real steps; what follows differs from a run that was not interrupted"
+    assert said in capsys.readouterr().out
+    for now, then in zip(state.dataset.episodes[:2], before.dataset.episodes, strict=True):
+        th.testing.assert_close(vars(now), vars(then), rtol=0, atol=0)
     assert state.origin == before.origin
     assert state.environment == {"id": ENV_ID, "env_id": ENV_ID, "max_episode_steps": 40}
     assert (state.real_episodes, state.fitted_steps) == (3, 120)
