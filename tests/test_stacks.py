@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sb3_contrib import ARS
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
@@ -63,6 +64,20 @@ def test_an_evaluation_in_the_environments_that_imagine_is_refused(wrap: type[Ve
         with pytest.raises(ValueError, match=r"EvalCallback evaluates in the environments of the training"):
             model.learn(80, callback=callback)
     assert sum(env.get_attr("total_steps")) == 0
+
+
+@pytest.mark.parametrize("algorithm", [SAC, PPO, ARS])
+def test_a_callback_that_evaluates_in_them_itself_is_refused(algorithm: type[SAC] | type[PPO] | type[ARS]) -> None:
+    class Evaluates(BaseCallback):
+        def _on_step(self) -> bool:
+            if self.num_timesteps >= 20:
+                evaluate_policy(self.model, self.training_env, n_eval_episodes=2)
+            return True
+
+    policy, settings = ("LinearPolicy", {"n_delta": 2}) if algorithm is ARS else ("MlpPolicy", {})
+    model = algorithm(policy, short_env(), seed=0, device="cpu", **settings)  # type: ignore[arg-type]  # one of three
+    with pytest.raises(RuntimeError, match=r"a callback evaluates in the environments of the training, .*make_vec"):
+        model.learn(160, callback=[small_callback(), Evaluates()])
 
 
 def test_an_evaluation_in_environments_of_its_own_is_real() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
@@ -30,7 +32,7 @@ class ImaginationVecEnv(VecEnvWrapper):
     A training that is interrupted, by Ctrl-C or an error, does not come to its end, where it would switch back. So
     :meth:`reset`, with which every evaluation begins, asks whether the training that imagines is still running. If it
     is not, the environments are the real ones from then on, and a warning says so. A step before that is refused: it
-    would go on with what is imagined.
+    would go on with what is imagined. So is a reset by a callback of a training that is running.
 
     :param venv: real environments, wrapped in :class:`HallucinationWrapper` if the exploration strategy hallucinates
     :raises ValueError: if actions are not bounded and continuous, observations are not vectors, or ``venv`` is wrapped
@@ -108,6 +110,11 @@ class ImaginationVecEnv(VecEnvWrapper):
             observations = self.venv.reset()
             self.reset_infos = self.venv.reset_infos
             return observations
+        if self._is_training is not None and _is_within_a_callback():
+            raise RuntimeError(
+                "a callback evaluates in the environments of the training, which are imagined: it would report "
+                "imagined returns, and end the trajectories of the search; give it real ones, make_vec_env(...)"
+            )
         self.reset_infos = [{} for _ in range(self.num_envs)]
         return self._trajectories.reset()
 
@@ -163,6 +170,16 @@ class ImaginationVecEnv(VecEnvWrapper):
                 "callback: sb3_hucrl.HUCRLCallback",
                 stacklevel=2,
             )
+
+
+def _is_within_a_callback() -> bool:
+    # Algorithms such as ARS reset the environments too, but in no step of a callback.
+    frame = inspect.currentframe()
+    while frame is not None:
+        if frame.f_code.co_name == "on_step" and isinstance(frame.f_locals.get("self"), BaseCallback):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _instead_of(wrapper: VecEnvWrapper) -> str:
