@@ -210,6 +210,13 @@ def test_bad_arguments_say_what_to_do(env_id: str) -> None:
         gym.make(env_id, render_mode="ascii")
 
 
+def test_an_unknown_argument_has_a_neighbour() -> None:
+    with pytest.raises(ValueError, match=r"hallucinat is no argument of PendulumEnv \(did you mean 'hallucinate'"):
+        gym.make("HUCRL-Pendulum-v0", hallucinat=False)
+    with pytest.raises(ValueError, match="did you mean 'action_penalty'"):
+        gym.make("HUCRL-Pendulum-v0", action_penalt=0.2)
+
+
 def test_an_unknown_environment_lists_the_known_ones() -> None:
     assert set(ENVIRONMENTS) == set(MAX_EPISODE_STEPS)
     with pytest.raises(ValueError, match=r"unknown environment .*-v1': .*did you mean 'HUCRL-Pendulum-v0'"):

@@ -144,6 +144,20 @@ def test_an_unknown_setting_says_what_there_is(name: str, hint: str) -> None:
         changed(entry_of({}), {name: 1})
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("hucrl_dynamics__num_members", 2.5, r"dynamics_kwargs\.num_members is 2\.5: give an integer of at least 2"),
+        ("hucrl_beta", "large", r"exploration_kwargs\.beta is 'large': give a finite number of at least 0 or 'theory'"),
+        ("hucrl_start_states__visitd", 1, r"start_states\.visitd .*did you mean 'visited'"),
+        ("hucrl_standardise", "no", "standardise is 'no': give True or False"),
+    ],
+)
+def test_a_wrong_value_is_named_with_the_way_to_it(name: str, value: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        changed(entry_of({}), {name: value}).build()
+
+
 def test_settings_without_the_callback_are_refused() -> None:
     with pytest.raises(ValueError, match=r"'hucrl_beta'.* are settings of HUCRLCallback, which is not in the"):
         moved({"gamma": 0.9, "callback": ["stable_baselines3.common.callbacks.CheckpointCallback"]}, hucrl_beta=1.0)

@@ -201,8 +201,16 @@ def test_a_walker_that_shows_its_place_is_learned_as_a_whole() -> None:
 
 def test_arguments_of_no_named_task_are_refused() -> None:
     for task in (None, PendulumTask()):
-        with pytest.raises(ValueError, match=r"task_kwargs \{'action_penalty': 1\} need a task by name"):
+        with pytest.raises(ValueError, match=r"task_kwargs is \{'action_penalty': 1\}: give the task by name as well"):
             resolve_task(task, {"action_penalty": 1}, None, 3)
+
+
+def test_a_wrong_argument_of_a_named_task_is_named() -> None:
+    for task, argument in (("sb3_hucrl.tasks.PendulumTask", "action_penalt"), ("learned", "hallucinate_rewrd")):
+        with pytest.raises(ValueError, match=rf"task_kwargs\.{argument} is no argument .*did you mean"):
+            resolve_task(task, {argument: 1}, None, 3)
+    with pytest.raises(ValueError, match=r"task_kwargs\.action_penalty is -1: give a finite number of at least 0"):
+        resolve_task("sb3_hucrl.tasks.PendulumTask", {"action_penalty": -1}, None, 3)
 
 
 def test_task_is_given_by_name_learned_or_imported() -> None:

@@ -44,10 +44,10 @@ def _checkable(annotation: Any) -> Any:
     origin, args = get_origin(annotation), get_args(annotation)
     if isinstance(annotation, TypeVar):
         return _of(Union, map(_checkable, annotation.__constraints__))
-    if annotation in PLAIN or origin in (Literal, type):
-        return annotation
     if origin is Annotated:
         return _of(Annotated, (_checkable(args[0]), *args[1:]))
+    if annotation in PLAIN or origin in (Literal, type):
+        return annotation
     if origin in (Union, types.UnionType):
         return _of(Union, map(_checkable, args))
     if origin in (Sequence, Mapping, list, dict, tuple):
@@ -69,11 +69,11 @@ def in_words(annotation: Any) -> str:
     origin, args = get_origin(annotation), get_args(annotation)
     if isinstance(annotation, TypeVar):
         return _either(in_words(each) for each in annotation.__constraints__)
-    if annotation in PLAIN:
-        return PLAIN[annotation]
     if origin is Annotated:
         descriptions = [each.description for each in args[1:] if isinstance(each, FieldInfo) and each.description]
         return descriptions[0] if descriptions else in_words(args[0])
+    if annotation in PLAIN:
+        return PLAIN[annotation]
     if origin in (Union, types.UnionType):
         words = _either(in_words(each) for each in args if each is not types.NoneType)
         return f"{words}, or None" if types.NoneType in args else words

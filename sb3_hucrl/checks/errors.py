@@ -21,13 +21,14 @@ class ArgumentError(ValueError):
     :param fault: what is wrong with it, and what to do
     """
 
-    def __init__(self, path: str, fault: str) -> None:
-        # Both are args, or the error could not be sent from the process of an environment.
-        super().__init__(path, fault)
+    def __init__(self, path: str, fault: str = "") -> None:
+        # All are args, or the error could not be sent from the process of an environment. gymnasium makes a TypeError
+        # anew from a single text.
+        super().__init__(*filter(None, (path, fault)))
         self.path, self.fault = path, fault
 
     def __str__(self) -> str:
-        return f"{self.path} {self.fault}"
+        return " ".join(self.args)
 
     @classmethod
     def of_value(cls, path: str, value: object, allowed: str) -> ArgumentError:

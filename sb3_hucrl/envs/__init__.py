@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from sb3_hucrl.checks import Natural, validated
+from sb3_hucrl.checks import Natural, require_arguments, validated
 from sb3_hucrl.envs.twins import follow_registrations, register_twins
 from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.registry import find_task
@@ -51,6 +51,7 @@ def make_env(
     :param kwargs: arguments of the environment's class
     :raises ValueError: if the id is unknown or an argument is out of range
     """
+    require_arguments(kwargs, make_env, ENVIRONMENTS.resolve(env_id), reserved=("env_id",))
     env = ENVIRONMENTS.make(env_id, **kwargs)
     if not hallucinate:
         return env

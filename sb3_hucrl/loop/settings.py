@@ -23,7 +23,8 @@ from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
 from sb3_hucrl.imagination import StartStates
 from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.planning import PlanningSettings
-from sb3_hucrl.tasks import LearnedTask, Task
+from sb3_hucrl.tasks import Task
+from sb3_hucrl.tasks.registry import require_task_arguments
 
 #: arguments of dynamics models that come from the environment
 NOT_FOR_USERS = ("state_dim", "action_dim", "angle_dims", "generator")
@@ -122,13 +123,7 @@ class ModelSettings:
                 self.dynamics_kwargs,
                 "them to the model itself, or name the model, such as 'ensemble'",
             )
-        if self.task_kwargs and not isinstance(self.task, str):
-            raise ArgumentError.of_value(
-                "task_kwargs", self.task_kwargs, "the task by name as well: 'learned', or module.Class"
-            )
-        if self.task == "learned":
-            with within("task_kwargs"):
-                require_arguments(self.task_kwargs or {}, LearnedTask, reserved=("observation_dim",))
+        require_task_arguments(self.task, self.task_kwargs or {})
 
 
 @validated

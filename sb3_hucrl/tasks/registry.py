@@ -8,7 +8,7 @@ from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
 
-from sb3_hucrl.checks import Count, Natural, validated
+from sb3_hucrl.checks import ArgumentError, Count, Natural, require_arguments, validated, within
 from sb3_hucrl.registry import Registry
 from sb3_hucrl.tasks.base import Task
 from sb3_hucrl.tasks.cartpole import CartPoleTask
@@ -114,6 +114,24 @@ def find_task(spec: EnvSpec | None, observation_dim: Natural) -> Task | None:
 
 
 @validated
+def require_task_arguments(task: Task | str | None, task_kwargs: Mapping[str, Any]) -> None:
+    """
+    Check what can be known before there is an environment.
+
+    :param task: that a user chose, see :func:`resolve_task`
+    :param task_kwargs: its arguments
+    :raises ValueError: if the task is none that takes arguments, or the learned one has no such arguments
+    """
+    if task_kwargs and not isinstance(task, str):
+        raise ArgumentError.of_value(
+            "task_kwargs", dict(task_kwargs), "the task by name as well: 'learned', or module.Class"
+        )
+    if task == "learned":
+        with within("task_kwargs"):
+            require_arguments(task_kwargs, LearnedTask, reserved=("observation_dim",))
+
+
+@validated
 def resolve_task(
     task: Task | str | None, task_kwargs: Mapping[str, Any], spec: EnvSpec | None, observation_dim: Count
 ) -> Task:
@@ -127,14 +145,14 @@ def resolve_task(
     :param observation_dim: number of observed values
     :raises ValueError: if the task cannot be imported or is not a task
     """
-    if task_kwargs and not isinstance(task, str):
-        raise ValueError(f"task_kwargs {dict(task_kwargs)} need a task by name: 'learned' or module.Class")
+    require_task_arguments(task, task_kwargs)
     if isinstance(task, Task):
         return task
     if task is None:
         return find_task(spec, observation_dim) or LearnedTask(observation_dim)
     if task == "learned":
-        return LearnedTask(observation_dim, **task_kwargs)
+        with within("task_kwargs"):
+            return LearnedTask(observation_dim, **task_kwargs)
     try:
         found = pkgutil.resolve_name(task)
     except (ImportError, AttributeError, ValueError) as error:
@@ -146,4 +164,6 @@ def resolve_task(
     if not (isinstance(found, type) and issubclass(found, Task)):
         kind = found.__name__ if isinstance(found, type) else type(found).__name__
         raise ValueError(f"task {task!r} is a {kind}: it must be a subclass of sb3_hucrl.tasks.Task")
-    return found(**task_kwargs)
+    with within("task_kwargs"):
+        require_arguments(task_kwargs, found)
+        return found(**task_kwargs)
