@@ -135,7 +135,8 @@ class TransitionDataset:
         """The transitions to evaluate on; all transitions if none is held out yet."""
         return self.transitions[self._is_holdout] if self._is_holdout.any() else self.transitions
 
-    def bootstrap_weights(self, num_members: int) -> th.Tensor:
+    @validated
+    def bootstrap_weights(self, num_members: Count) -> th.Tensor:
         """
         Poisson(1) weights of the training transitions (Osband et al. 2016; appendix B.1), drawn once per transition.
 

@@ -6,7 +6,7 @@ import pkgutil
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Generic, TypeVar
 
-from sb3_hucrl.checks import ArgumentError, did_you_mean
+from sb3_hucrl.checks import ArgumentError, did_you_mean, validated
 
 T = TypeVar("T")
 
@@ -33,6 +33,7 @@ class Registry(Collection[str], Generic[T]):
     def __len__(self) -> int:
         return len(self.targets)
 
+    @validated
     def register(self, name: str, target: Callable[..., T] | str, *, replace: bool = False) -> None:
         """
         Add a name.

@@ -8,6 +8,7 @@ import math
 import pkgutil
 import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic.fields import FieldInfo
@@ -59,7 +60,8 @@ VALUES: list[Any] = [
 def public_targets() -> dict[str, Callable[..., Any]]:
     """
     Classes and functions by name: those that a package exports, those that are made by a registered name, and all
-    others that say they are checked. Parts of them, such as a network's layers, are the library's own affair.
+    others that say they are checked, methods included. Parts of them, such as a network's layers, are the library's own
+    affair.
     """
     found: dict[str, Any] = {}
     for package in pkgutil.walk_packages(sb3_hucrl.__path__, "sb3_hucrl."):
@@ -68,12 +70,27 @@ def public_targets() -> dict[str, Callable[..., Any]]:
         names = vars(importlib.import_module(package.name))
         own = {name: each for name, each in names.items() if getattr(each, "__module__", "") == package.name}
         found |= {name: each for name, each in own.items() if any(map(_is_checked, called_functions(each)))}
+        found |= {name: each for kind in own.values() for name, each in _checked_methods(kind)}
         found |= {name: names[name] for name in names.get("__all__", own if package.name in MODULES else ())}
     found |= {name: getattr(sb3_hucrl, name) for name in sb3_hucrl.__all__}
     for registry in REGISTRIES:
         targets = [registry.resolve(name) for name in registry]
         found |= {target.__name__: target for target in targets}
     return {name: target for name, target in sorted(found.items()) if _counts(name, target)}
+
+
+def _checked_methods(kind: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
+    for name, each in vars(kind).items() if isinstance(kind, type) else ():
+        function = getattr(each, "__func__", each)  # of a class method
+        if name != "__init__" and _is_checked(function):
+            yield f"{kind.__name__}.{name}", function
+
+
+def callable_of(target: Callable[..., Any]) -> Callable[..., Any]:
+    """What to call with arguments by name: a method, and a class that cannot be made, take None as themselves."""
+    if isinstance(target, type):
+        return partial(target.__init__, None) if inspect.isabstract(target) else target  # type: ignore[misc]  # no object
+    return partial(target, None) if "." in target.__qualname__ else target
 
 
 def _is_checked(function: object) -> bool:

@@ -184,7 +184,7 @@ def test_each_member_is_a_model_of_its_own() -> None:
     th.testing.assert_close(means.mean(dim=0), whole.mean)
     th.testing.assert_close(means.std(dim=0, correction=0), whole.epistemic_std, rtol=1e-3, atol=1e-6)
     assert all((prediction.epistemic_std == 0).all() for prediction in alone)
-    with pytest.raises(ValueError, match="there is no member 5: give 0 to 4"):
+    with pytest.raises(ValueError, match="index is 5: give one from 0 to 4"):
         model.member(5)
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import torch as th
 from pydantic import Field
 
-from sb3_hucrl.checks import Count, Natural, NotNegative, Positive, validated
+from sb3_hucrl.checks import ArgumentError, Count, Natural, NotNegative, Positive, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, SampledModel
@@ -136,15 +136,16 @@ class Ensemble(DeltaModel):
         mean = outputs[:, : self.state_dim]
         return Moments(mean, th.zeros_like(mean), self._noise(outputs)[:, -self.state_dim :].sqrt())
 
-    def member(self, index: int) -> Predictor:
+    @validated
+    def member(self, index: Natural) -> Predictor:
         """
         One member as a predictor of its own, valid until the next fit.
 
         :param index: index of the member, from 0 to M - 1
         :raises ValueError: if there is no such member
         """
-        if not 0 <= index < self.num_members:
-            raise ValueError(f"there is no member {index}: give 0 to {self.num_members - 1}")
+        if index >= self.num_members:
+            raise ArgumentError.of_value("index", index, f"one from 0 to {self.num_members - 1}")
         return SampledModel(self, partial(self._member_moments, index))
 
     def _learn(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch as th
 
-from sb3_hucrl.checks import Seed, validated
+from sb3_hucrl.checks import Count, NotNegative, Seed, validated
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import FitReport
 from sb3_hucrl.imagination import (
@@ -200,7 +200,8 @@ class Loop:
             new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
         return search_length(new_steps)
 
-    def begin_search(self, num_trajectories: int = 1, progress: float = 0.0) -> World:
+    @validated
+    def begin_search(self, num_trajectories: Count = 1, progress: NotNegative = 0.0) -> World:
         """
         :param num_trajectories: number of trajectories that will be imagined in parallel
         :param progress: fraction of the training that will be over when the search ends
@@ -222,7 +223,8 @@ class Loop:
         """Whether real episodes sample the present policy, and do not play the mode of the best one so far."""
         return max(progress, self.progress) < self.settings.real.sampling_fraction
 
-    def end_search(self, search: Search, progress: float) -> None:
+    @validated
+    def end_search(self, search: Search, progress: NotNegative) -> None:
         """
         Play rounds of real episodes with what was found, and refit. In the first part of the training they sample the
         present policy, later they play the mode of the best one so far.
@@ -264,6 +266,7 @@ class Loop:
         # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
         return float(epistemic_std(self.state.dynamics, episode).mean())
 
+    @validated
     def play(self, act: BatchActor) -> list[Transitions]:
         """
         Play a round of real episodes, one in each of ``real_envs`` environments at once, and remember them for the next
