@@ -84,7 +84,7 @@ def test_the_quick_start_ends_with_a_learning_curve(tmp_path: Path, monkeypatch:
 
 
 def test_every_extension_is_used() -> None:
-    environment, task, goal, dynamics, exploration, planner, loop = map(run, snippets("extending.md"))
+    environment, task, goal, dynamics, exploration, planner, loop, checked = map(run, snippets("extending.md"))
     assert environment["model"].hucrl.real_episodes >= 3
     assert isinstance(find_task(gym.spec("Parking-v0"), observation_dim=3), task["ParkingTask"])
     assert goal["model"].hucrl.real_episodes == 3
@@ -96,6 +96,8 @@ def test_every_extension_is_used() -> None:
     for namespace in (exploration, planner):
         assert namespace["model"].hucrl.real_episodes == 2
     assert loop["loop"].state.real_episodes == 6
+    with pytest.raises(ValueError, match="width is 0: give an integer of at least 1"):
+        checked["Shaped"](width=0)
 
 
 @pytest.mark.parametrize("page", ["settings.md", "theory.md"])
