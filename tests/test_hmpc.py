@@ -93,7 +93,11 @@ def test_another_algorithm_searches_while_a_planner_acts() -> None:
 def test_what_cannot_be_planned_says_what_to_do() -> None:
     with pytest.raises(RuntimeError, match="call learn"):
         hmpc().predict(np.zeros(3, np.float32))
+    env = imagination_env(1)
     with pytest.raises(ValueError, match="planner='icem'"):
-        hmpc().learn(1, small_callback())
+        HMPC("NoPolicy", env).learn(1, small_callback())
+    assert env.get_attr("total_steps") == [0]
+    with pytest.raises(ValueError, match="planner='icem'"):
+        hmpc().learn(1)
     with pytest.raises(ValueError, match="no VecNormalize"):
         HMPC("NoPolicy", VecNormalize(ImaginationVecEnv(make_vec_env(ENV_ID, 1))))

@@ -13,6 +13,7 @@ from stable_baselines3.common.type_aliases import MaybeCallback, PyTorchObs
 from typing_extensions import Self
 
 from sb3_hucrl.algorithms.arguments import Environment
+from sb3_hucrl.algorithms.imagined_rollouts import require_no_normalization
 from sb3_hucrl.checks import Count, Natural, Seed, validated
 from sb3_hucrl.imagination import Learned, WorldRecipe
 from sb3_hucrl.planning import MPCPolicy, PlanningSettings
@@ -81,8 +82,7 @@ class HMPC(BaseAlgorithm):
             self._setup_model()
 
     def _setup_model(self) -> None:
-        if self.get_vec_normalize_env() is not None:
-            raise ValueError("H-MPC needs observations and rewards as they are: use no VecNormalize (normalize: false)")
+        require_no_normalization(self)
         self.set_random_seed(self.seed)
         self.policy = self.policy_class(self.observation_space, self.action_space).to(self.device)
 

@@ -13,7 +13,7 @@ from torch import nn
 from torch.distributions import Normal
 
 from sb3_hucrl.algorithms.gaussian_policy import GaussianPolicy
-from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
+from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world, require_no_normalization
 from sb3_hucrl.algorithms.mpo import MPO
 from sb3_hucrl.seeding import seeded_generator
 
@@ -81,6 +81,7 @@ class HMPO(MPO):
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": GaussianValuePolicy}
 
     def _setup_model(self) -> None:
+        require_no_normalization(self)
         super()._setup_model()
         self._generator = seeded_generator(self.seed, self.device)
 

@@ -15,6 +15,17 @@ from sb3_hucrl.wrappers.imagination import imagination_layer
 ScaledActor = Callable[[th.Tensor], th.Tensor]
 
 
+def require_no_normalization(model: BaseAlgorithm) -> None:
+    """
+    :param model: SB3 algorithm that imagines
+    :raises ValueError: if its environments are normalised
+    """
+    if model.get_vec_normalize_env() is not None:
+        raise ValueError(
+            f"{type(model).__name__} needs observations and rewards as they are: use no VecNormalize (normalize: false)"
+        )
+
+
 def imagined_world(model: BaseAlgorithm) -> World:
     """
     :param model: SB3 algorithm
@@ -24,8 +35,7 @@ def imagined_world(model: BaseAlgorithm) -> World:
     env = model.get_env()
     assert env is not None  # an algorithm in training has one
     name = type(model).__name__
-    if model.get_vec_normalize_env() is not None:
-        raise ValueError(f"{name} needs observations and rewards as they are: use no VecNormalize (normalize: false)")
+    require_no_normalization(model)
     layer, _ = imagination_layer(env)
     if layer is None or layer.trajectories is None:
         raise ValueError(

@@ -9,6 +9,7 @@ import numpy as np
 import torch as th
 from stable_baselines3 import SAC
 
+from sb3_hucrl.algorithms.imagined_rollouts import require_no_normalization
 from sb3_hucrl.seeding import seeded_generator
 
 
@@ -18,7 +19,7 @@ class ImaginingSAC(SAC):
 
     :param args: of SAC
     :param kwargs: of SAC
-    :raises ValueError: with gSDE, whose noise stays for several steps
+    :raises ValueError: with gSDE, whose noise stays for several steps, or with VecNormalize
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -27,6 +28,7 @@ class ImaginingSAC(SAC):
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
+        require_no_normalization(self)
         super()._setup_model()
         self._generator = seeded_generator(self.seed, self.device)
 

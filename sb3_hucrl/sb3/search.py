@@ -228,6 +228,13 @@ class PlanningSearch(SB3Search):
     model: HMPC
     min_envs = 1
 
+    def __init__(self, model: HMPC, env: ImaginationVecEnv, loop: Loop) -> None:
+        if loop.settings.planning is None:
+            raise ValueError(
+                "planner is None, and H-MPC only plans: give learn() callback=HUCRLCallback(planner='icem')"
+            )
+        super().__init__(model, env, loop)
+
     def _plan_in(self, world: World) -> None:
         super()._plan_in(world)
         self.model.planning, self.model.recipe = self._loop.settings.planning, self._loop.recipe
