@@ -135,6 +135,8 @@ def small_callback(**kwargs: Any) -> HUCRLCallback:
     """A loop that takes a second or two: short imagination, little fitting, single real episodes."""
     settings = {"imagined_steps": 80, "horizon": 10, "dynamics_kwargs": {"gradient_steps": 20, "net_arch": [16]}}
     settings |= {"initial_steps": 1, "real_steps": 1}
+    if isinstance(kwargs.get("dynamics"), DynamicsModel):
+        del settings["dynamics_kwargs"]
     return HUCRLCallback(**{**settings, **kwargs})
 
 

@@ -247,7 +247,7 @@ def test_a_checkpoint_of_other_dimensions_is_refused() -> None:
 def test_a_dynamics_model_that_does_not_fit_is_refused_before_any_real_step() -> None:
     env = imagination_env()
     with pytest.raises(ValueError, match="predicts 3 state dimensions, PendulumTask has 2"):
-        small_sac(env).learn(80, callback=HUCRLCallback(dynamics=ProbabilisticEnsemble(3, 1)))
+        small_sac(env).learn(80, callback=small_callback(dynamics=ProbabilisticEnsemble(3, 1)))
     assert env.get_attr("total_steps")[0] == 0
 
 
