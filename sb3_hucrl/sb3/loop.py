@@ -5,14 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 
-from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl.loop import HUCRLState, Loop, Report, Settings
 from sb3_hucrl.sb3.curve import carried_lines, monitor_recorder, plain
 from sb3_hucrl.sb3.normalization import carry_normalization
-from sb3_hucrl.sb3.stack import read_problem, real_systems
+from sb3_hucrl.sb3.stack import read_problem, read_spec, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward
 from sb3_hucrl.wrappers import ImaginationVecEnv
@@ -64,7 +63,7 @@ def make_loop(
 
 def _note_environment(state: HUCRLState, venv: VecEnv) -> None:
     """Warn of another environment than that of the transitions so far."""
-    spec: EnvSpec | None = venv.get_attr("spec", indices=0)[0]
+    spec = read_spec(venv)
     if spec is None:
         return
     now = {"id": spec.id, "max_episode_steps": spec.max_episode_steps, **plain(spec.kwargs)}

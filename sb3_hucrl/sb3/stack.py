@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from gymnasium.envs.registration import EnvSpec
@@ -88,19 +89,30 @@ def real_systems(venv: VecEnv, on_monitored: Callable[[Mapping[str, Any]], None]
     return ParallelSystems(single) if isinstance(venv, SubprocVecEnv) else RealSystems(single)
 
 
+def read_spec(venv: VecEnv) -> EnvSpec | None:
+    """
+    :param venv: real environments
+    :return: specification of the first one, with its time limit; None where it was made from its class
+    """
+    # A process that cannot send what it is asked for ends.
+    name = "portable_spec" if isinstance(venv, SubprocVecEnv) and venv.has_attr("portable_spec") else "spec"
+    spec: EnvSpec | None = venv.get_attr(name, indices=0)[0]
+    time_limit = _number(venv, TIME_LIMIT)
+    return spec if spec is None or time_limit is None else replace(spec, max_episode_steps=time_limit)
+
+
 def read_problem(venv: VecEnv, settings: ModelSettings) -> Problem:
     """
     :param venv: real environments
     :param settings: name the task
     :raises ValueError: as :meth:`sb3_hucrl.loop.Problem.from_spaces`
     """
-    # A process that cannot send what it is asked for ends.
-    name = "portable_spec" if isinstance(venv, SubprocVecEnv) and venv.has_attr("portable_spec") else "spec"
-    spec: EnvSpec | None = venv.get_attr(name, indices=0)[0]
-    hallucinated_dim, time_limit = (
-        int(venv.get_attr(name, indices=0)[0]) if venv.has_attr(name) else None
-        for name in ("hallucinated_dim", TIME_LIMIT)
-    )
+    hallucinated_dim = _number(venv, "hallucinated_dim") or 0
+    time_limit = _number(venv, TIME_LIMIT)
     return Problem.from_spaces(
-        spec, venv.observation_space, venv.action_space, hallucinated_dim or 0, settings, time_limit
+        read_spec(venv), venv.observation_space, venv.action_space, hallucinated_dim, settings, time_limit
     )
+
+
+def _number(venv: VecEnv, name: str) -> int | None:
+    return int(venv.get_attr(name, indices=0)[0]) if venv.has_attr(name) else None
