@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,11 +80,16 @@ def test_what_is_imagined_comes_true_where_the_model_is_the_truth() -> None:
     th.testing.assert_close(imagined.rewards, real.rewards, atol=1e-3, rtol=1e-3)
 
 
-def test_same_seed_gives_identical_real_returns(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "algorithm",
+    [small_sac, partial(TD3, "MlpPolicy", batch_size=16), partial(PPO, "MlpPolicy", n_steps=10, batch_size=20)],
+    ids=["sac", "td3", "ppo"],
+)
+def test_same_seed_gives_identical_real_returns(algorithm: Callable[..., BaseAlgorithm], tmp_path: Path) -> None:
     returns = []
     for run in ("a", "b"):
         env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=7, monitor_dir=str(tmp_path / run)))
-        small_sac(env, seed=7).learn(240, callback=small_callback())
+        algorithm(env=env, seed=7).learn(240, callback=small_callback())
         returns.append(load_results(str(tmp_path / run)).r.tolist())
     assert returns[0] == returns[1]
     assert len(set(returns[0])) > 1

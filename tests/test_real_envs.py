@@ -17,7 +17,7 @@ import pytest
 import torch as th
 from gymnasium.envs.registration import EnvSpec
 from sb3_contrib import RecurrentPPO
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
@@ -88,14 +88,20 @@ def numbers(episodes: list[Transitions]) -> list[int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ["sac", "ppo_lstm"])
-def test_processes_give_the_same_transitions_as_a_single_one(algorithm: str) -> None:
+@pytest.mark.parametrize(
+    "algorithm",
+    [
+        small_sac,
+        partial(TD3, "MlpPolicy", batch_size=16),
+        partial(PPO, "MlpPolicy", n_steps=10, batch_size=15, device="cpu"),
+        partial(RecurrentPPO, "MlpLstmPolicy", n_steps=10, batch_size=15, device="cpu"),
+    ],
+    ids=["sac", "td3", "ppo", "ppo_lstm"],
+)
+def test_processes_give_the_same_transitions_as_a_single_one(algorithm: Callable[..., BaseAlgorithm]) -> None:
     def train(kind: Callable[[Any], VecEnv]) -> Transitions:
         env = walks(3, kind)
-        if algorithm == "sac":
-            model: BaseAlgorithm = small_sac(env, seed=5)
-        else:
-            model = RecurrentPPO("MlpLstmPolicy", env, n_steps=10, batch_size=15, seed=5, device="cpu")
+        model = algorithm(env=env, seed=5)
         model.learn(180, callback=small_callback(imagined_steps=60, real_envs=3, real_steps=30))
         env.close()
         return state_of(model).dataset.transitions
