@@ -17,7 +17,7 @@ from pathlib import Path
 
 from figures.launcher import LAUNCHERS
 from suite_parts.picture import draw
-from suite_parts.plans import BASELINE, PLANS
+from suite_parts.plans import FASTEST, PLANS
 from suite_parts.run import SuiteRun
 from suite_parts.table import put_into, read, table
 from suite_parts.tasks import QUICK_STEPS, TASKS
@@ -29,8 +29,8 @@ def main() -> None:
     parser.add_argument("--envs", nargs="+", choices=[task.env for task in TASKS], metavar="ENV", help="some only")
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53])
     parser.add_argument("--who", nargs="+", choices=list(PLANS), default=list(PLANS), help="the sides to run")
-    parser.add_argument("--algo", choices=["sac", "sbx_sac"], default="sac", help="searches H-UCRL's policy")
-    parser.add_argument("--baseline", choices=["sac", "sbx_sac"], default=BASELINE, help="SAC without a model")
+    parser.add_argument("--algo", choices=["sac", "sbx_sac"], default=FASTEST, help="searches H-UCRL's policy")
+    parser.add_argument("--baseline", choices=["sac", "sbx_sac"], default=FASTEST, help="SAC without a model")
     parser.add_argument("--quick", action="store_true", help="very short runs, to check that everything works")
     parser.add_argument("--draw", action="store_true", help="run nothing: table and picture of what there is")
     parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")

@@ -86,7 +86,7 @@ def _imagination_tables(imagination: ImaginationMeasures | None) -> list[Table]:
     if imagination is None:
         return []
     latest = imagination.promises[-LATEST_EPISODES:]
-    table = _table(f"return of {imagination.horizon} steps of episode", *(str(each.episode) for each in latest))
+    table = _table("return of episode", *(str(each.episode) for each in latest))
     if latest:
         table.add_row("imagined before it", *(f"{each.imagined:.1f}" for each in latest))
         table.add_row("real", *(f"{each.real:.1f}" for each in latest))
