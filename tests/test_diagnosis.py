@@ -28,6 +28,7 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_confidence,
     judge_critic,
     judge_ends,
+    judge_entropy,
     judge_exploration,
     judge_gain,
     judge_many_steps,
@@ -193,7 +194,7 @@ def imagination_of(imagined: float, real: float, capped: float = 0.0, terminated
 
 
 def search_of(mode: float = 100.0, effort: float = 0.5, unsteered: float = 100.0) -> SearchMeasures:
-    return SearchMeasures(mode, unsteered, -50.0, 0.0, effort, 0.2, None, CriticMeasures(10.0, 10.0, 1.0, 1_000.0))
+    return SearchMeasures(mode, unsteered, -50.0, 0.0, effort, 0.2, 0.1, 1.0, CriticMeasures(10.0, 10.0, 1.0, 1_000.0))
 
 
 BROKEN, KEPT = imagination_of(100.0, -50.0), imagination_of(100.0, 95.0)
@@ -268,6 +269,15 @@ def test_critic() -> None:
     assert judge_critic(wrong, replace(SETUP, replay=None, epochs=10)).settings == ("n_epochs:20",)
     diverged = judge_critic(replace(search_of(), critic=CriticMeasures(1e8, 2e8, 1.0, 1_000.0)), SETUP)
     assert (diverged.level, diverged.settings[0]) == (Level.CAUSE, "hucrl_exploration__beta:0.1")
+
+
+def test_an_entropy_coefficient_that_runs_away_is_the_cause() -> None:
+    assert judge_entropy(search_of()).level is Level.FINE
+    assert judge_entropy(replace(search_of(), entropy_coefficient=None)).level is Level.FINE
+    assert judge_entropy(replace(search_of(), entropy_coefficient=50.0, usual_reward=20.0)).level is Level.FINE
+    away = judge_entropy(replace(search_of(), entropy_coefficient=1_760.0, usual_reward=2.0))
+    assert (away.level, away.settings) == (Level.CAUSE, ("ent_coef:0.2",))
+    assert "is 1.76e+03, and the usual real reward 2" in away.sentence
 
 
 def test_actions() -> None:

@@ -19,6 +19,7 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_confidence,
     judge_critic,
     judge_ends,
+    judge_entropy,
     judge_exploration,
     judge_gain,
     judge_many_steps,
@@ -57,7 +58,8 @@ class Diagnosis:
         if imagination is not None:
             found["imagination"] = [judge_promises(imagination, search, setup), judge_ends(imagination, setup)]
         if search is not None:
-            found["search"] = [judge_gain(search, setup), judge_critic(search, setup), judge_actions(search)]
+            found["search"] = [judge_gain(search, setup), judge_entropy(search)]
+            found["search"] += [judge_critic(search, setup), judge_actions(search)]
         found["exploration"] = [judge_exploration(self.exploration, setup)]
         return found
 
@@ -70,8 +72,9 @@ class Diagnosis:
             count = f"only {len(returns)} real episode{'s' * (len(returns) > 1)}"
             return Verdict(Level.NOTE, f"There is too little to diagnose: {count}. Let it go on.")
         every = [verdict for group in self.verdicts.values() for verdict in group]
-        # A critic that has diverged says for sure why nothing is learned, whatever else is wrong.
-        every = [*([judge_critic(self.search, self.setup)] if self.search is not None else []), *every]
+        # What has diverged says for sure why nothing is learned, whatever else is wrong.
+        if self.search is not None:
+            every = [judge_entropy(self.search), judge_critic(self.search, self.setup), *every]
         causes = [verdict for verdict in every if verdict.level is Level.CAUSE]
         if self._works or not causes:
             fine = "imagined returns come true, and the policy earns more than chance and doing nothing"

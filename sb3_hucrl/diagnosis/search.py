@@ -47,6 +47,7 @@ class SearchMeasures:
     :param effort: mean size of the mode's actions on visited states, 1 at their bounds
     :param saturated: fraction of them beyond :data:`SATURATED` of their bounds
     :param entropy_coefficient: latest one, or None where there is none
+    :param usual_reward: root mean square of the real rewards
     :param critic: None where the algorithm has none that can be asked
     """
 
@@ -57,6 +58,7 @@ class SearchMeasures:
     effort: float
     saturated: float
     entropy_coefficient: float | None
+    usual_reward: float
     critic: CriticMeasures | None
 
     @property
@@ -104,6 +106,7 @@ def measure_search(
         effort=effort,
         saturated=saturated,
         entropy_coefficient=entropy_coefficient,
+        usual_reward=float(state.dataset.transitions.rewards.square().mean().sqrt()),
         critic=_measure_critic(model, world, entropy_coefficient or 0.0),
     )
 

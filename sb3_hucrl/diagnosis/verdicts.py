@@ -40,6 +40,10 @@ SATURATED_POLICY = 0.9
 WRONG_VALUE = 0.5
 #: multiple of what the largest imagined reward could ever earn, from which on a critic has diverged
 DIVERGED = 2.0
+#: multiple of the usual reward from which on an entropy coefficient has run away
+RUNAWAY = 10.0
+#: of the usual reward, an entropy coefficient that leaves the task in charge
+CALM = 0.1
 #: fraction of new cells below which an episode shows nothing new
 NOTHING_NEW = 0.02
 #: fraction of the way from the worst to the best return so far above which the latest episodes are good ones
@@ -220,6 +224,19 @@ def judge_critic(search: SearchMeasures, setup: Setup) -> Verdict:
         Level.NOTE,
         f"The critic promises {way} the policy earns in imagination ({said}, discounted): the values have not arrived.",
         faster_values(setup),
+    )
+
+
+def judge_entropy(search: SearchMeasures) -> Verdict:
+    """Whether the task still matters beside the entropy of the policy."""
+    coefficient, usual = search.entropy_coefficient, search.usual_reward
+    if coefficient is None or usual == 0 or coefficient < RUNAWAY * usual:
+        return Verdict(Level.FINE, "The policy's entropy does not count for more than the rewards.")
+    return Verdict(
+        Level.CAUSE,
+        f"The entropy coefficient has run away: it is {coefficient:.3g}, and the usual real reward {usual:.2g}, so the "
+        "search makes actions random and does not care for the task.",
+        (f"ent_coef:{CALM * usual:.1g}",),
     )
 
 
