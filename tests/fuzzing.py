@@ -89,7 +89,7 @@ def _checked_methods(kind: Any) -> Iterator[tuple[str, Callable[..., Any]]]:
 def callable_of(target: Callable[..., Any]) -> Callable[..., Any]:
     """What to call with arguments by name: a method, and a class that cannot be made, take None as themselves."""
     if isinstance(target, type):
-        return partial(target.__init__, None) if inspect.isabstract(target) else target  # type: ignore[misc]  # no object
+        return partial(target.__init__, None) if inspect.isabstract(target) else target  # type: ignore[misc]  # None stands for self
     return partial(target, None) if "." in target.__qualname__ else target
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch as th
@@ -89,8 +89,7 @@ class WorldRecipe:
         limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap)
         strategy = self.strategy.adapted(model, learned.real_episodes)
         predictor = strategy.predictor(model, num_samples, learned.generator)
-        world = self._world(learned, starts, predictor, strategy, limits)
-        return replace(world, exploring=exploring)
+        return self._world(learned, starts, predictor, strategy, limits, exploring)
 
     def _world(
         self,
@@ -99,6 +98,7 @@ class WorldRecipe:
         predictor: Predictor,
         strategy: ExplorationStrategy,
         limits: Limits,
+        exploring: bool = True,
     ) -> World:
         seed = learned.draw_seed()
-        return World(predictor, strategy, self.task, self.action_space, self.horizon, starts, limits, seed)
+        return World(predictor, strategy, self.task, self.action_space, self.horizon, starts, limits, seed, exploring)

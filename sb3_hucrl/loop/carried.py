@@ -47,16 +47,19 @@ def follow_settings(state: HUCRLState, settings: ModelSettings, task: Task) -> b
     """
     if not _differs(state, settings):
         return False
-    before = type(state.dynamics).__name__ if state.origin is None else str(state.origin)
+    before = _named(state)
     state.dynamics = make_model(settings, task, state.dataset.action_dim, state.generator)
     state.origin = origin_of(settings)
-    after = type(state.dynamics).__name__ if state.origin is None else str(state.origin)
     warnings.warn(
-        f"the loaded model carries dynamics {before}, and the callback asks for {after}: a fresh one is fitted to the "
-        f"{len(state.dataset):,} real transitions. To go on with the old one, give its settings",
+        f"the loaded model carries dynamics {before}, and the callback asks for {_named(state)}: a fresh one is fitted "
+        f"to the {len(state.dataset):,} real transitions. To go on with the old one, give its settings",
         stacklevel=2,
     )
     return True
+
+
+def _named(state: HUCRLState) -> str:
+    return type(state.dynamics).__name__ if state.origin is None else str(state.origin)
 
 
 def _differs(state: HUCRLState, settings: ModelSettings) -> bool:
