@@ -33,7 +33,7 @@ SHAPES = {
     "HUCRL-CartPole-v0": (4, 1, 3.0, 200),
     "HUCRL-Reacher-v0": (14, 7, 20.0, 150),
     "HUCRL-SparseReacher-v0": (14, 7, 20.0, 150),
-    "HUCRL-Pusher-v0": (17, 7, 2.0, 150),
+    "HUCRL-Pusher-v0": (16, 7, 2.0, 150),
     "HUCRL-HalfCheetah-v0": (17, 6, 2.0, 1000),
 }
 

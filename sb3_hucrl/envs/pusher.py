@@ -49,7 +49,7 @@ class PusherEnv(MujocoTaskEnv):
     def _place(self, state: npt.NDArray[np.float64]) -> None:
         self.data.qpos[:7], self.data.qvel[:7] = state[:7], state[7:14]
         # The sliders move the object along y and x, relative to its position in the specification.
-        x, y, _ = state[14:17] - self.model.body("object").pos
+        x, y = state[14:16] - self.model.body("object").pos[:2]
         self.data.qpos[7:9] = y, x
 
     def _observation(self) -> npt.NDArray[np.float64]:

@@ -18,6 +18,7 @@ from sb3_hucrl.imagination import BatchActor, World
 from sb3_hucrl.loop import Loop
 from sb3_hucrl.planning import MPCPolicy
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
+from sb3_hucrl.sb3.layer_norm import insert_layer_norm
 from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
@@ -51,10 +52,14 @@ class SB3Search:
         self._planner: MPCPolicy | None = None
         self._is_training = RunningLearn(model)
         # A policy that has learned from observations as they are would no longer know what it sees.
-        is_new = loop.state.real_episodes == 0 and model._n_updates == 0
-        if loop.settings.search.standardise and self.extracts_features and is_new:
-            insert_extractors(model)
+        if loop.state.real_episodes == 0 and model._n_updates == 0:
+            self._prepare_networks()
         self._plan_in(loop.world)
+
+    def _prepare_networks(self) -> None:
+        """Change those of a new policy."""
+        if self._loop.settings.search.standardise and self.extracts_features:
+            insert_extractors(self.model)
 
     def _plan_in(self, world: World) -> None:
         """Make the planner anew; at the start around an unfitted model, so that what does not fit is found at once."""
@@ -159,6 +164,10 @@ class OffPolicySearch(SB3Search):
             )
         super().__init__(model, env, loop)
         self._aim_for_real_entropy()
+
+    def _prepare_networks(self) -> None:
+        super()._prepare_networks()
+        insert_layer_norm(self.model)
 
     def _aim_for_real_entropy(self) -> None:
         """

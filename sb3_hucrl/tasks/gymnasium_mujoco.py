@@ -66,7 +66,8 @@ class GymnasiumReacherTask(Task):
 @validated
 class GymnasiumPusherTask(Task):
     """
-    ``Pusher-v5``: state (7 angles, 7 velocities, object position), context: the goal position.
+    ``Pusher-v5``: state (7 angles, 7 velocities, the object's x and y), context: the object's height, which never
+    changes, and the goal position.
 
     The environment observes and rewards the hand's position one MuJoCo step of 0.01 s before the angles, and so does
     this task.
@@ -76,8 +77,8 @@ class GymnasiumPusherTask(Task):
     :param reward_control_weight: weight of Σ a²
     """
 
-    state_dim = 17
-    context_dim = 3
+    state_dim = 16
+    context_dim = 4
     angle_dims = tuple(range(7))
 
     def __init__(

@@ -15,13 +15,15 @@ BASE = (0.0, -0.6, 0.0)
 @validated
 class PusherTask(AngleTask):
     """
-    State (7 angles, 7 velocities, object position), context: the goal position (appendix B.2.4).
+    State (7 angles, 7 velocities, the object's x and y), context: the object's height, and the goal position. The paper
+    has the height in the state (appendix B.2.4). It never changes, as the object slides on a table: a state that
+    optimism lifted off the table would have nothing to learn from.
 
     :param action_penalty: ρ, 0 or more
     """
 
-    state_dim = 17
-    context_dim = 3
+    state_dim = 16
+    context_dim = 4
     angle_dims = tuple(range(7))
 
     def __init__(self, action_penalty: NotNegative = 0.1) -> None:
