@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch as th
 from sb3_contrib import ARS
+from stable_baselines3.common.vec_env import VecNormalize
 
 from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, small_sac, small_world
 from sb3_hucrl import HUCRLState, StartStates, TransitionDataset, Transitions
@@ -178,6 +179,20 @@ def test_an_algorithm_without_a_critic_is_measured_as_well() -> None:
     measured = measure_search(ARS("LinearPolicy", imagination_env(), seed=0), world, state, None)
     assert measured.critic is None
     assert judge_critic(measured, SETUP).level is Level.NOTE
+
+
+def test_an_entropy_coefficient_is_judged_by_the_rewards_that_the_algorithm_sees() -> None:
+    env = VecNormalize(imagination_env(), norm_obs=False)
+    model = small_sac(env)
+    env.ret_rms.var = np.array(25.0)
+    state = state_after(played(60, 0))
+    world = small_world(horizon=5, starts=StartStates(state.dataset, PendulumTask(), {"initial": 1.0}))
+    usual = float(state.dataset.transitions.rewards.square().mean().sqrt())
+    measured = measure_search(model, world, state, 0.5)
+    assert measured.entropy_coefficient == 0.5
+    assert measured.usual_reward == pytest.approx(usual / 5.0, rel=1e-6)
+    plain = measure_search(small_sac(), world, state, 0.5)
+    assert plain.usual_reward == usual
 
 
 def unseen(r2: float = 0.95, two: float = 0.95, errors: tuple[float, ...] = (0.1,) * 50) -> UnseenEpisode:

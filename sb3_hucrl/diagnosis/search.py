@@ -11,7 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_hucrl.imagination import Array, BatchActor, World, imagined_return
 from sb3_hucrl.loop import JUDGED, HUCRLState
-from sb3_hucrl.sb3 import SB3Policy, policy_actor
+from sb3_hucrl.sb3 import SB3Policy, policy_actor, reward_unit
 
 #: of its bound, from which on an action is saturated
 SATURATED = 0.98
@@ -47,7 +47,7 @@ class SearchMeasures:
     :param effort: mean size of the mode's actions on visited states, 1 at their bounds
     :param saturated: fraction of them beyond :data:`SATURATED` of their bounds
     :param entropy_coefficient: latest one, or None where there is none
-    :param usual_reward: root mean square of the real rewards
+    :param usual_reward: root mean square of the real rewards, in the units that the algorithm sees
     :param critic: None where the algorithm has none that can be asked
     """
 
@@ -98,6 +98,7 @@ def measure_search(
         return imagined_return(world.trajectories(JUDGED, seed=0), act)
 
     effort, saturated = _actions(model, world, state)
+    unit = reward_unit(model)
     return SearchMeasures(
         mode=earned(policy_actor(model, deterministic=True)),
         unsteered=earned(_unsteered(policy_actor(model, deterministic=True), action_dim)),
@@ -106,8 +107,8 @@ def measure_search(
         effort=effort,
         saturated=saturated,
         entropy_coefficient=entropy_coefficient,
-        usual_reward=float(state.dataset.transitions.rewards.square().mean().sqrt()),
-        critic=_measure_critic(model, world, entropy_coefficient or 0.0),
+        usual_reward=float(state.dataset.transitions.rewards.square().mean().sqrt()) / unit,
+        critic=_measure_critic(model, world, unit * (entropy_coefficient or 0.0)),
     )
 
 

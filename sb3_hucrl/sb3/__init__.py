@@ -5,7 +5,7 @@ from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
-from sb3_hucrl.sb3.normalization import saved_normalization
+from sb3_hucrl.sb3.normalization import reward_unit, saved_normalization
 from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
@@ -37,6 +37,7 @@ __all__ = [
     "read_problem",
     "real_systems",
     "require_place",
+    "reward_unit",
     "save_atomically",
     "saved_curve",
     "saved_normalization",

@@ -91,3 +91,15 @@ def saved_normalization(path: str | Path) -> Normalization | None:
     """
     normalization: Normalization | None = read_attribute(path, ATTRIBUTE)
     return normalization
+
+
+def reward_unit(model: BaseAlgorithm) -> float:
+    """
+    One unit of what the algorithm sees as reward, in units of the real one; 1 without a VecNormalize of rewards.
+
+    :param model: SB3 algorithm
+    """
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is None or not normalizer.norm_reward:
+        return 1.0
+    return float((normalizer.ret_rms.var + normalizer.epsilon) ** 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import cast
 
 import torch as th
@@ -14,6 +15,7 @@ from torch import nn
 from torch.func import functional_call, vmap
 
 from sb3_hucrl.planning import Bounds
+from sb3_hucrl.sb3.normalization import reward_unit
 from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
 
 
@@ -49,6 +51,7 @@ class SB3Policy:
         self._bounds = Bounds(*(th.as_tensor(limit, device=model.device) for limit in (box.low, box.high)))
         self._normalizer: VecNormalize | None = model.get_vec_normalize_env()
         self._gamma = float(getattr(model, "gamma", 1.0))
+        self._reward_unit = partial(reward_unit, model)
 
     @property
     def gamma(self) -> float:
@@ -137,7 +140,4 @@ class SB3Policy:
         return self._unscaled(th.cat(values, dim=1).amin(dim=1))
 
     def _unscaled(self, values: th.Tensor) -> th.Tensor:
-        normalizer = self._normalizer
-        if normalizer is None or not normalizer.norm_reward:
-            return values
-        return values * float((normalizer.ret_rms.var + normalizer.epsilon) ** 0.5)
+        return values * self._reward_unit()
