@@ -36,25 +36,48 @@ def test_killed_trainings_go_on_where_their_checkpoint_was(algo: str, vec_env: s
     assert "nothing lost" in process.stdout
 
 
-@pytest.mark.slow
-def test_a_polite_end_saves_what_was_learned(tmp_path: Path) -> None:
+def training(folder: Path) -> tuple[subprocess.Popen[str], Path]:
+    """A training run that has written its first checkpoint, and its folder."""
     callback = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
     command = [
         *(sys.executable, "-m", "sb3_hucrl.zoo", "train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000"),
         *("--eval-freq", "-1", "--num-threads", "1", "-params", "gradient_steps:1", "n_envs:4"),
         f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {callback}}}]",
     ]
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    run, deadline = tmp_path / "logs" / "sac" / f"{ENV_ID}_1", time.monotonic() + 120
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    run, deadline = folder / "logs" / "sac" / f"{ENV_ID}_1", time.monotonic() + 120
     while not (run / "checkpoint.zip").exists():
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
+    return process, run
+
+
+def require_whole(path: Path) -> None:
+    state = state_of(SAC.load(path, device="cpu"))
+    assert state.real_episodes == len(state.dataset.lengths) >= 1
+
+
+@pytest.mark.slow
+def test_a_polite_end_saves_what_was_learned(tmp_path: Path) -> None:
+    process, run = training(tmp_path)
     process.send_signal(signal.SIGTERM)
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 0, output
-    state = state_of(SAC.load(run / f"{ENV_ID}.zip", device="cpu"))
-    assert state.real_episodes == len(state.dataset.lengths) >= 1
+    require_whole(run / f"{ENV_ID}.zip")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.0, 0.05])
+def test_a_second_request_to_end_leaves_a_whole_checkpoint(delay: float, tmp_path: Path) -> None:
+    process, run = training(tmp_path)
+    known = len(state_of(SAC.load(run / "checkpoint.zip", device="cpu")).dataset)
+    process.send_signal(signal.SIGTERM)
+    time.sleep(delay)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=120)
+    require_whole(run / "checkpoint.zip")
+    assert len(state_of(SAC.load(run / "checkpoint.zip", device="cpu")).dataset) >= known
 
 
 class InterruptedFit(ProbabilisticEnsemble):
