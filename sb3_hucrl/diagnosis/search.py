@@ -98,7 +98,7 @@ def measure_search(
         return imagined_return(world.trajectories(JUDGED, seed=0), act)
 
     effort, saturated = _actions(model, world, state)
-    unit = reward_unit(model)
+    unit = reward_unit(model.get_vec_normalize_env())
     return SearchMeasures(
         mode=earned(policy_actor(model, deterministic=True)),
         unsteered=earned(_unsteered(policy_actor(model, deterministic=True), action_dim)),

@@ -93,13 +93,12 @@ def saved_normalization(path: str | Path) -> Normalization | None:
     return normalization
 
 
-def reward_unit(model: BaseAlgorithm) -> float:
+def reward_unit(normalizer: VecNormalize | None) -> float:
     """
-    One unit of what the algorithm sees as reward, in units of the real one; 1 without a VecNormalize of rewards.
+    One unit of what the algorithm sees as reward, in units of the real one; 1 where rewards are not normalised.
 
-    :param model: SB3 algorithm
+    :param normalizer: that the algorithm trains with, if any
     """
-    normalizer = model.get_vec_normalize_env()
     if normalizer is None or not normalizer.norm_reward:
         return 1.0
     return float((normalizer.ret_rms.var + normalizer.epsilon) ** 0.5)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import cast
 
 import torch as th
@@ -51,7 +50,6 @@ class SB3Policy:
         self._bounds = Bounds(*(th.as_tensor(limit, device=model.device) for limit in (box.low, box.high)))
         self._normalizer: VecNormalize | None = model.get_vec_normalize_env()
         self._gamma = float(getattr(model, "gamma", 1.0))
-        self._reward_unit = partial(reward_unit, model)
 
     @property
     def gamma(self) -> float:
@@ -140,4 +138,4 @@ class SB3Policy:
         return self._unscaled(th.cat(values, dim=1).amin(dim=1))
 
     def _unscaled(self, values: th.Tensor) -> th.Tensor:
-        return values * self._reward_unit()
+        return values * reward_unit(self._normalizer)
