@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from helpers import imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HUCRLCallback
+from sb3_hucrl.zoo.interrupt import Termination
 
 #: of a training that a test interrupts
 NOT_YET = 60
@@ -105,6 +108,27 @@ def test_an_interrupted_search_is_not_played_for_real() -> None:
     callback.on_training_end()
     assert state_of(model).real_episodes == 1
     assert env.trajectories is None
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_request_to_end_that_python_drops_is_met_at_the_next_step() -> None:
+    def request(phase: str, info: dict[str, int]) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    class Collects(BaseCallback):
+        def _on_step(self) -> bool:
+            if self.num_timesteps == 40:
+                gc.callbacks.append(request)
+                gc.collect()
+                gc.callbacks.remove(request)
+            return True
+
+    termination, model = Termination(), small_sac()
+    before = signal.getsignal(signal.SIGTERM)
+    with termination.listening(), pytest.raises(KeyboardInterrupt):
+        model.learn(1_000, callback=[small_callback(), Collects(), termination])
+    assert model.num_timesteps == 40
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 SCRIPT = """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from contextlib import nullcontext
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from sb3_hucrl.tasks.registry import TWIN_PREFIX
 from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.folder import CHECKPOINT, SavedWhole, claim_folder, remove_leftovers
-from sb3_hucrl.zoo.interrupt import interrupt_on_termination
+from sb3_hucrl.zoo.interrupt import Termination
 from sb3_hucrl.zoo.resume import Resumed, begin_monitor_files
 from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.settings import move_settings
@@ -146,10 +145,15 @@ def _create_envs(original: Callable[..., Any]) -> Callable[..., Any]:
 
 def _learn(original: Callable[..., Any]) -> Callable[..., Any]:
     def learn(self: ExperimentManager, model: BaseAlgorithm) -> None:
+        if not _callbacks(self):
+            original(self, model)
+            return
         trained: BaseAlgorithm | Resumed = model
-        if self.continue_training and _callbacks(self) and get_state(model) is not None:
+        if self.continue_training and get_state(model) is not None:
             trained = Resumed(model, Path(self.save_path).name, self.verbose)
-        with interrupt_on_termination() if _callbacks(self) else nullcontext():
+        termination = Termination()
+        self.callbacks.append(termination)
+        with termination.listening():
             original(self, trained)
 
     return learn
