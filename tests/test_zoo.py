@@ -152,6 +152,12 @@ def test_an_environment_without_continuous_actions_ends_the_command_with_one_lin
     assert not (tmp_path / "logs").exists()
 
 
+def test_an_environment_that_its_process_cannot_make_says_why(tmp_path: Path) -> None:
+    command = [ZOO, *TRAIN, "--vec-env", "subproc", "--env-kwargs", "action_penalty:-1", "-params", "n_envs:2"]
+    with pytest.raises(AssertionError, match="HUCRL-Pendulum-v0 cannot be made: action_penalty is -1: give a finite"):
+        run(*command, cwd=tmp_path)
+
+
 def test_our_algorithms_name_the_id_that_they_have_hyperparameters_for(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="train it on HUCRL-Hopper-v5"):
         run(ZOO, "train", "--algo", "mpo", "--env", "Hopper-v5", cwd=tmp_path)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,21 @@ def _prepare_logs(manager: ExperimentManager) -> None:
     for callback in _callbacks(manager):
         callback.log_dir = callback.log_dir or manager.save_path
         callback.checkpoint = callback.checkpoint or f"{manager.save_path}/{CHECKPOINT}"
+
+
+@contextmanager
+def _explained_workers(manager: ExperimentManager) -> Iterator[None]:
+    """SubprocVecEnv says that a pipe was closed: ask here what its processes stumbled over."""
+    try:
+        yield
+    except (EOFError, ConnectionError):
+        env_id = manager.env_name.gym_id
+        try:
+            if _callbacks(manager):
+                gym.make(env_id, **manager.env_kwargs).close()
+        except Exception as error:
+            raise SystemExit(f"{env_id} cannot be made: {error}") from error
+        raise
 
 
 def _curve_to_go_on_with(manager: ExperimentManager) -> Curve | None:
@@ -132,11 +148,13 @@ def _create_envs(original: Callable[..., Any]) -> Callable[..., Any]:
         logs = self.continue_training and _callbacks(self) and not (eval_env or no_log)
         curve = _curve_to_go_on_with(self) if logs else None
         if curve is None:
-            return original(self, n_envs, eval_env, no_log)
+            with _explained_workers(self):
+                return original(self, n_envs, eval_env, no_log)
         rows, env_id = curve["monitor"], str(self.env_name.gym_id)
         start = begin_monitor_files(Path(self.save_path), env_id, n_envs, rows, self.monitor_kwargs)
         self.monitor_kwargs = {**self.monitor_kwargs, "override_existing": False}
-        env = original(self, n_envs, eval_env, no_log)
+        with _explained_workers(self):
+            env = original(self, n_envs, eval_env, no_log)
         env.env_method("set_wrapper_attr", "t_start", start)
         return env
 
