@@ -114,9 +114,9 @@ def small_world(
     return World(model, strategy, task, spaces.Box(-bound, bound, (dim,)), horizon, starts, **kwargs)
 
 
-def limits_of(dataset: TransitionDataset, task: Task) -> Limits:
+def limits_of(dataset: TransitionDataset, task: Task, unvisited: float = 1.0) -> Limits:
     """The plausible range of what was visited."""
-    return Limits.from_data(dataset, task, TruePendulum(), None)
+    return Limits.from_data(dataset, task, TruePendulum(), None, unvisited)
 
 
 def state_of(model: BaseAlgorithm) -> HUCRLState:

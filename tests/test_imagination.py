@@ -298,6 +298,26 @@ def test_bad_start_states_say_what_to_do() -> None:
         StartStates(dataset, PendulumTask(), {"initial": 2, "visited": -1})
 
 
+def test_imagination_goes_as_far_as_its_starts() -> None:
+    dataset, task = pendulum_dataset(100), PendulumTask()
+    for weights, unvisited in (
+        ({"visited": 1.0}, 0.0),
+        ({"visited": 1.0, "initial": 3.0, "inflated": 0.1}, 0.1),
+        ({"visited": 1.0, "inflated": 0.1, "exploratory": 0.2}, 0.3),
+        ({"visited": 1.0, "inflated": 3.0}, 1.0),
+        ({"initial": 1.0}, 1.0),
+        (None, 1.0),
+    ):
+        assert StartStates(dataset, task, weights).unvisited == pytest.approx(unvisited)
+    assert StartStates(dataset, task).trusting(0.1).unvisited == pytest.approx(0.2)
+    omega = dataset.transitions.states[:, 1]
+    highest, width = float(omega.max()), float(omega.max() - omega.min())
+    for unvisited, reach in ((0.0, 0.5), (0.1, 1.45), (1.0, 10.0)):
+        high = limits_of(dataset, task, unvisited).high
+        assert high is not None
+        assert float(high[1]) == pytest.approx(highest + reach * width, rel=0.01)
+
+
 def test_an_exploding_model_is_held_near_the_data() -> None:
     class Explosive(TruePendulum):
         def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:

@@ -12,10 +12,11 @@ from sb3_hucrl.dynamics import Predictor
 from sb3_hucrl.imagination.uncertainty import epistemic_limit
 from sb3_hucrl.tasks.base import Task
 
-#: distance from the visited states that an imagined state may reach, in widths of the visited range
-REACH = 10.0
+#: distance from the visited states that an imagined state may reach, in widths of the visited range: at least, where
+#: trajectories begin in visited states alone, and at most, where as many begin elsewhere
+REACH = (0.5, 10.0)
 #: the same for outcomes such as a learned reward, which the search seeks out
-OUTCOME_REACH = 1.0
+OUTCOME_REACH = (0.5, 1.0)
 
 
 @validated
@@ -37,22 +38,29 @@ class Limits:
     max_epistemic_std: th.Tensor | None = None
 
     @classmethod
-    def from_data(cls, dataset: TransitionDataset, task: Task, model: Predictor, cap: float | None) -> Limits:
+    def from_data(
+        cls, dataset: TransitionDataset, task: Task, model: Predictor, cap: float | None, unvisited: float
+    ) -> Limits:
         """
-        A box around all visited states, wide enough never to bind while the predictions are sensible: it keeps an
-        extrapolating ensemble, and the critic with it, from diverging. Angles and constant dimensions are free.
+        A box around all visited states: it keeps an extrapolating ensemble, and the critic with it, from diverging.
+        Where trajectories begin in states that were never visited, it never binds while the predictions are sensible;
+        where they begin in visited ones alone, it is narrow, as nothing is known of what lies beyond. Angles and
+        constant dimensions are free.
 
         :param dataset: all real transitions
         :param task: says which dimensions are angles and outcomes
         :param model: newly fitted
         :param cap: see :func:`sb3_hucrl.imagination.epistemic_limit`; None for no limit on the uncertainty
+        :param unvisited: see :attr:`sb3_hucrl.imagination.StartStates.unvisited`
         """
         p, outcomes = task.state_dim, task.outcome_dim
         real = dataset.transitions
         visited = th.cat([real.states[:, :p], real.next_states[:, :p]])
         low, high = visited.amin(dim=0), visited.amax(dim=0)
-        margin = REACH * (high - low)
-        margin[p - outcomes :] *= OUTCOME_REACH / REACH
+        reach, outcome_reach = (least + unvisited * (most - least) for least, most in (REACH, OUTCOME_REACH))
+        margin = high - low
+        margin[: p - outcomes] *= reach
+        margin[p - outcomes :] *= outcome_reach
         margin[margin == 0] = th.inf
         margin[list(task.angle_dims)] = th.inf
         device = model.device

@@ -86,7 +86,7 @@ class WorldRecipe:
         :param exploring: see :class:`World`
         """
         model = learned.dynamics
-        limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap)
+        limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap, starts.unvisited)
         strategy = self.strategy.adapted(model, learned.real_episodes)
         predictor = strategy.predictor(model, num_samples, learned.generator)
         return self._world(learned, starts, predictor, strategy, limits, exploring)

@@ -85,6 +85,13 @@ class StartStates:
         weights = {kind: float(weight) for kind, weight in zip(self.KINDS, share * self._weights, strict=True)}
         return StartStates(self._dataset, self._task, {**weights, "visited": 1.0}, self._space)
 
+    @property
+    def unvisited(self) -> float:
+        """How many trajectories begin elsewhere for each that begins in a visited state, at most 1."""
+        weights = dict(zip(self.KINDS, self._weights.tolist(), strict=True))
+        elsewhere = weights["inflated"] + weights["exploratory"]
+        return 1.0 if elsewhere >= weights["visited"] else elsewhere / weights["visited"]
+
     def only(self, kind: str) -> StartStates:
         """
         :param kind: one of :attr:`KINDS`
