@@ -18,6 +18,7 @@ from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import TransitionDataset
 from sb3_hucrl.dynamics import FitReport, ProbabilisticEnsemble
 from sb3_hucrl.sb3 import save_atomically
+from sb3_hucrl.zoo.runs import ZooRun
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,11 +37,28 @@ def test_killed_trainings_go_on_where_their_checkpoint_was(algo: str, vec_env: s
     assert "nothing lost" in process.stdout
 
 
-def training(folder: Path) -> tuple[subprocess.Popen[str], Path]:
+RUN = "import runpy; runpy.run_module('sb3_hucrl.zoo', run_name='__main__')"
+#: takes its time to write the final model, and says so
+SLOW = f"""
+import time, zipfile
+writestr = zipfile.ZipFile.writestr
+
+def write_slowly(self, *args, **kwargs):
+    if "{ENV_ID}.zip" in str(self.filename):
+        print("saving", flush=True)
+        time.sleep(60)
+    return writestr(self, *args, **kwargs)
+
+zipfile.ZipFile.writestr = write_slowly
+{RUN}
+"""
+
+
+def training(folder: Path, code: str = RUN) -> tuple[subprocess.Popen[str], Path]:
     """A training run that has written its first checkpoint, and its folder."""
     callback = {"horizon": 20, "imagined_steps": 320, "dynamics_kwargs": {"gradient_steps": 20}}
     command = [
-        *(sys.executable, "-m", "sb3_hucrl.zoo", "train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000"),
+        *(sys.executable, "-c", code, "train", "--algo", "sac", "--env", ENV_ID, "-n", "1000000"),
         *("--eval-freq", "-1", "--num-threads", "1", "-params", "gradient_steps:1", "n_envs:4"),
         f"callback:[{{'sb3_hucrl.callbacks.HUCRLCallback': {callback}}}]",
     ]
@@ -78,6 +96,19 @@ def test_a_second_request_to_end_leaves_a_whole_checkpoint(delay: float, tmp_pat
     process.communicate(timeout=120)
     require_whole(run / "checkpoint.zip")
     assert len(state_of(SAC.load(run / "checkpoint.zip", device="cpu")).dataset) >= known
+
+
+@pytest.mark.slow
+def test_a_second_request_to_end_leaves_no_half_of_the_final_model(tmp_path: Path) -> None:
+    process, run = training(tmp_path, SLOW)
+    process.send_signal(signal.SIGTERM)
+    assert process.stdout is not None
+    assert any(line == "saving\n" for line in process.stdout)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGTERM
+    assert not (run / f"{ENV_ID}.zip").exists()
+    assert ZooRun(run).state.real_episodes >= 1
 
 
 class InterruptedFit(ProbabilisticEnsemble):

@@ -117,6 +117,20 @@ def test_runs_that_start_at_once_have_folders_of_their_own(tmp_path: Path) -> No
     assert second.params_path == f"{second.save_path}/{ENV_ID}"
 
 
+@pytest.mark.slow
+def test_two_commands_that_start_at_once_share_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The second one has looked for a free number before the first one took it.
+    monkeypatch.setattr("rl_zoo3.exp_manager.get_latest_run_id", lambda *_: 0)
+    monkeypatch.setattr(sys, "argv", TRAIN)
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        rl_zoo3.train.train()
+    for number in (1, 2):
+        folder = tmp_path / "logs" / "sac" / f"{ENV_ID}_{number}"
+        assert ZooRun(folder).state.real_episodes == 2
+        assert (folder / ENV_ID / "args.yml").exists()
+
+
 def test_halves_of_files_are_removed_and_nothing_else(tmp_path: Path) -> None:
     for name in ("model.zip", "model.zip.ab12.partial", "checkpoint.zip.12.partial", "notes.partial"):
         (tmp_path / name).touch()
