@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,39 @@ def test_the_real_action_is_as_likely_as_sb3_says_and_the_hallucinated_one_is_ce
     np.testing.assert_allclose(log_prob.detach(), expected.log_prob(action[:, :1]).detach(), atol=1e-3)
     np.testing.assert_array_equal(action[:, 1:].detach(), mean[:, 1:].tanh().detach())
     assert not th.equal(action[:, :1], mean[:, :1].tanh())
+
+
+def test_rewards_in_other_units_change_nothing_but_the_units() -> None:
+    class InOtherUnits(PendulumTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return 1e3 * super().reward(state, action, next_state)
+
+    trained = []
+    for task, std in ((PendulumTask(0.2), 0.5), (InOtherUnits(0.2), 500.0)):
+        model, _ = imagining(replace(small_world(Noisy(), task=task, horizon=100), reward_std=std), learning_starts=0)
+        th.manual_seed(0)
+        for critic in (model.critic, model.critic_target):
+            th.nn.init.zeros_(critic.networks.last.weight)
+        trained.append(model.learn(32))
+    ours, theirs = trained
+    th.testing.assert_close(
+        parameters_to_vector(theirs.actor.parameters()), parameters_to_vector(ours.actor.parameters())
+    )
+    seen, actions = observations(), th.zeros(64, 3)
+    th.testing.assert_close(
+        theirs.critic.values(seen, actions), 1e3 * ours.critic.values(seen, actions), rtol=1e-3, atol=1e-3
+    )
+    assert float(ours.critic.values(seen, actions).detach().std()) > 0
+
+
+def test_critics_in_new_units_say_the_same() -> None:
+    model, _ = imagining()
+    seen, actions = observations(), th.zeros(64, 3)
+    before = model.critic.values(seen, actions)
+    weight = model.critic.networks.last.weight.clone()
+    model.critic.adopt(20.0)
+    th.testing.assert_close(model.critic.values(seen, actions), before)
+    th.testing.assert_close(20.0 * model.critic.networks.last.weight, weight)
 
 
 def test_a_target_stays_within_what_rewards_can_amount_to() -> None:

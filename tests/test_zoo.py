@@ -267,7 +267,7 @@ def test_other_environments_are_as_they_were(tmp_path: Path) -> None:
 def test_h_svg_trains_on_a_robot_without_a_hallucinated_action(tmp_path: Path) -> None:
     words = ["train", "--algo", "hsvg", "--env", "HalfCheetah-v5", "-n", "2560", "--eval-freq", "-1", "--seed", "3"]
     short = ["gradient_steps:1", "critic_updates:1", "hucrl_imagined_steps:1280", "hucrl_dynamics__gradient_steps:5"]
-    run(ZOO, *words, "-params", *short, cwd=tmp_path)
+    run(ZOO, *words, "-params", *short, "hucrl_initial_steps:2000", cwd=tmp_path)
     folder = tmp_path / "logs" / "hsvg" / "HalfCheetah-v5_1"
     # Two random episodes, and one after each search.
     assert len(load_results(str(folder))) == 4

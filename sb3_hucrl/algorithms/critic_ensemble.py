@@ -19,7 +19,7 @@ from sb3_hucrl.dynamics.networks import BatchedNetworks
 class CriticEnsemble(BaseModel):
     """
     Q(s, a) by independent networks with normalised hidden layers, one batched matrix product per layer. Their last
-    layers begin at zero: nothing is hoped for yet.
+    layers begin at zero: nothing is hoped for yet. They learn in units of their own, whatever those of the rewards.
 
     :param observation_space: of the environment
     :param action_space: of the environment
@@ -32,6 +32,7 @@ class CriticEnsemble(BaseModel):
     """
 
     features_extractor: BaseFeaturesExtractor
+    scale: th.Tensor
 
     def __init__(
         self,
@@ -50,17 +51,29 @@ class CriticEnsemble(BaseModel):
         width = features_dim + get_action_dim(action_space)
         self.networks = BatchedNetworks(n_critics, width, net_arch, 1, None, layer_norm=True)
         nn.init.zeros_(self.networks.last.weight)
+        self.register_buffer("scale", th.ones(()))
+
+    @th.no_grad()
+    def adopt(self, scale: float) -> None:
+        """
+        Learn in other units from now on. Values stay what they are.
+
+        :param scale: one unit, in units of the reward
+        """
+        for parameter in self.networks.last.parameters():
+            parameter.mul_(self.scale / scale)
+        self.scale.fill_(scale)
 
     def values(self, observation: PyTorchObs, action: th.Tensor) -> th.Tensor:
         """
         :param observation: of B states
         :param action: scaled to [-1, 1], shape (B, d)
-        :return: of each critic, shape (critics, B)
+        :return: of each critic, in units of the reward, shape (critics, B)
         """
         features = self.extract_features(observation, self.features_extractor)
         inputs = th.cat([features, action], dim=1)
         outputs: th.Tensor = self.networks(inputs.expand(self.networks.num_members, -1, -1))
-        return outputs.squeeze(2)
+        return self.scale * outputs.squeeze(2)
 
     def forward(self, observation: PyTorchObs, action: th.Tensor) -> tuple[th.Tensor, ...]:
         """As SB3's critics answer."""

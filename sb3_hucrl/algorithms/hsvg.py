@@ -46,7 +46,8 @@ class HSVG(ImaginingSAC):
     actor follows the gradient of the same steps through model, reward and critics (Algorithm 4), as in DHMBPO (Kubo
     et al. 2025). Both begin in states of SAC's replay buffer, which longer imagined trajectories fill.
 
-    The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′.
+    The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′. Its
+    objective is in standard deviations of the real rewards so far, and so is the entropy coefficient.
 
     :param policy: ``"MlpPolicy"``
     :param env: wrapped in an ImaginationVecEnv
@@ -107,6 +108,8 @@ class HSVG(ImaginingSAC):
             self._reward_range = (np.inf, -np.inf)
             if self.chooses_target_entropy:
                 self.target_entropy = -0.5 * world.predictor.action_dim
+            for critic in (self.critic, self.critic_target):
+                critic.adopt(world.reward_std)
             for _ in range(self.critic_updates):
                 self._update(world, batch_size, noted, with_actor=False)
         for _ in range(gradient_steps):
@@ -122,14 +125,14 @@ class HSVG(ImaginingSAC):
             expansion = self.expand(world, observations)
         if with_actor:
             self.actor.optimizer.zero_grad()
-            (-expansion.performance.mean()).backward()
+            (-expansion.performance.mean() / world.reward_std).backward()
             noted["actor_grad"].append(float(clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)))
             self.actor.optimizer.step()
             noted["performance"].append(expansion.performance.mean().item())
             self._train_ent_coef(expansion.first_log_prob)
         self.critic.requires_grad_(True)
         values = self.critic.values(observations, expansion.first_action.detach())
-        loss = (values - expansion.target).square().mean(dim=1).sum()
+        loss = ((values - expansion.target) / world.reward_std).square().mean(dim=1).sum()
         self.critic.optimizer.zero_grad()
         loss.backward()
         self.critic.optimizer.step()
@@ -161,7 +164,7 @@ class HSVG(ImaginingSAC):
         :param world: to act in
         :param observations: of B states, shape (B, observation dimension)
         """
-        ent_coef, dim = self._ent_coef(), world.predictor.action_dim
+        ent_coef, dim = self._ent_coef() * world.reward_std, world.predictor.action_dim
         actions: list[th.Tensor] = []
         log_probs: list[th.Tensor] = []
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import torch as th
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from sb3_hucrl.algorithms import HSVG
 from sb3_hucrl.imagination import Array, BatchActor, World, imagined_return
 from sb3_hucrl.loop import JUDGED, HUCRLState
 from sb3_hucrl.sb3 import SB3Policy, policy_actor, reward_unit
@@ -98,7 +99,7 @@ def measure_search(
         return imagined_return(world.trajectories(JUDGED, seed=0), act)
 
     effort, saturated = _actions(model, world, state)
-    unit = reward_unit(model.get_vec_normalize_env())
+    unit = world.reward_std if isinstance(model, HSVG) else reward_unit(model.get_vec_normalize_env())
     return SearchMeasures(
         mode=earned(policy_actor(model, deterministic=True)),
         unsteered=earned(_unsteered(policy_actor(model, deterministic=True), action_dim)),

@@ -70,6 +70,9 @@ class BatchedNetworks(nn.Module):
             BatchedLinear(num_members, width, next_width, generator)
             for width, next_width in pairwise([input_dim, *net_arch, output_dim])
         )
+        if layer_norm:
+            # A normalised layer forgets the size of its input: without biases it would jump at 0, the mean of the data.
+            nn.init.normal_(self.layers[0].get_parameter("bias"), generator=generator)
 
     def forward(self, inputs: th.Tensor, member: slice = slice(None)) -> th.Tensor:
         """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch as th
@@ -89,7 +89,9 @@ class WorldRecipe:
         limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap, starts.unvisited)
         strategy = self.strategy.adapted(model, learned.real_episodes)
         predictor = strategy.predictor(model, num_samples, learned.generator)
-        return self._world(learned, starts, predictor, strategy, limits, exploring)
+        std = float(learned.dataset.transitions.rewards.std(correction=0))
+        world = self._world(learned, starts, predictor, strategy, limits, exploring)
+        return replace(world, reward_std=std) if std > 0 else world
 
     def _world(
         self,

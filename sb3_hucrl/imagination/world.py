@@ -10,7 +10,7 @@ import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
 
-from sb3_hucrl.checks import Count, Seed, validated
+from sb3_hucrl.checks import Count, Positive, Seed, validated
 from sb3_hucrl.dynamics.base import Prediction, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.imagination.limits import Limits
@@ -61,6 +61,7 @@ class World:
     :param seed: of trajectories that are asked for without a seed
     :param exploring: whether to show what may be possible, or only what the policy can rely on, see
         :meth:`sb3_hucrl.ExplorationStrategy.steers`
+    :param reward_std: of real rewards so far, for searches that standardise them
     :raises ValueError: if predictor, strategy, task and action space do not fit together
     """
 
@@ -73,6 +74,7 @@ class World:
     limits: Limits = field(default_factory=Limits)
     seed: Seed = 0
     exploring: bool = True
+    reward_std: Positive = 1.0
 
     def __post_init__(self) -> None:
         predictor, task = self.predictor, self.task
