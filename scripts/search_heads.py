@@ -52,8 +52,9 @@ def search(
     kwargs = {"action_penalty": penalty, "hallucinate": hallucinate}
     env = ImaginationVecEnv(make_vec_env(PENDULUM, settings["n_envs"], env_kwargs=kwargs))
     task, box = PendulumTask(penalty), require_bounded_box(env.action_space)
-    limits = Limits.from_data(dataset, task, model, None)
-    world = World(model, strategy, task, box, HORIZON, StartStates(dataset, task), limits, seed)
+    starts = StartStates(dataset, task)
+    limits = Limits.from_data(dataset, task, model, None, starts.unvisited)
+    world = World(model, strategy, task, box, HORIZON, starts, limits, seed)
     env.imagine(world)
     algorithm = ALGOS[ALGO](
         settings["policy"],

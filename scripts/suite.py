@@ -46,7 +46,7 @@ def main() -> None:
     if args.quick:
         args.output = args.output / "quick"
         args.table, args.picture = [], args.output / "suite.png"
-    algos = {"hucrl": args.algo, "baseline": args.baseline}
+    algos = {"hucrl": args.algo, "hsvg": "hsvg", "baseline": args.baseline}
     # Seed by seed, so that an interrupted suite has whole seeds.
     runs = [
         SuiteRun(task, who, algos[who], seed, args.quick)

@@ -155,8 +155,9 @@ def test_hidden_layers_are_normalised_if_asked_for() -> None:
 
 
 def test_normalised_networks_do_not_jump_at_the_mean_of_the_data() -> None:
-    networks = ensemble(layer_norm=True).networks
-    step = 1e-3 * th.randn(5, 64, networks.layers[0].weight.shape[1], generator=th.Generator().manual_seed(0))
+    model = ensemble(layer_norm=True)
+    networks = model.networks
+    step = 1e-3 * th.randn(5, 64, model.input_dim, generator=th.Generator().manual_seed(0))
     with th.no_grad():
         assert (networks(step) - networks(-step)).abs().max() < 0.05 * networks(1e3 * step).std()
 

@@ -121,13 +121,17 @@ def test_a_single_lucky_episode_does_not_solve() -> None:
         ([], [-50], "not run"),
     ],
 )
-def test_verdicts_compare_medians(tmp_path: Path, ours: list[float], others: list[float], verdict: str) -> None:
-    for who, number, values in (("hucrl", 10, ours), ("baseline", 100, others)):
+@pytest.mark.parametrize("who", ["hucrl", "hsvg"])
+def test_verdicts_compare_medians(
+    tmp_path: Path, who: str, ours: list[float], others: list[float], verdict: str
+) -> None:
+    for side, number, values in ((who, 10, ours), ("baseline", 100, others)):
         for seed, value in enumerate(values):
-            write(tmp_path, who, episodes([value] * number), seed)
+            write(tmp_path, side, episodes([value] * number), seed)
     line = Line.read(read(tmp_path, [TASK]), TASK)
-    assert line.verdict == verdict
-    assert line.markdown().endswith(f" {verdict} |")
+    assert line.searches[who].verdict == verdict
+    assert [search.verdict for name, search in line.searches.items() if name != who] == ["not run"]
+    assert f" {verdict} |" in line.markdown()
 
 
 def test_a_failed_run_is_worse_than_any_return_and_is_named(tmp_path: Path) -> None:
@@ -136,8 +140,8 @@ def test_a_failed_run_is_worse_than_any_return_and_is_named(tmp_path: Path) -> N
     write(tmp_path, "hucrl", episodes([np.nan], 0, episode=0, error="ImportError: no such thing"), 53)
     results = read(tmp_path, [TASK])
     line = Line.read(results, TASK)
-    assert sorted(line.ours) == [-np.inf, -np.inf, -100]
-    assert line.verdict == "not solved"
+    assert sorted(line.searches["hucrl"].returns) == [-np.inf, -np.inf, -100]
+    assert line.searches["hucrl"].verdict == "not solved"
     text = table(results, [TASK])
     assert "| error (error to -100) |" in text
     assert "- H-UCRL on `Pendulum-v1`, seed 52: `ValueError: no number`" in text
@@ -150,11 +154,13 @@ def test_the_table_counts_and_shows_what_is_missing(tmp_path: Path) -> None:
         write(tmp_path, "hucrl", episodes([-400, -100, -100, -100, *[seed - 251.0] * 6]), seed)
     results = read(tmp_path, [TASK, other])
     text = table(results, [TASK, other])
-    assert text.startswith("**1 of 2**: 1 solved, 0 not solved but better")
-    assert "| `Pendulum-v1` | 1,000 | -250 * | -200 (-200 to -199) | 300 300 |  |  | solved |" in text
-    assert "| `Hopper-v5` | 1,000 | 3,800 |  |  |  |  | not run |" in text
+    assert text.startswith("**H-UCRL: 1 of 2**: 1 solved, 0 not solved but better")
+    assert "**H-SVG: 0 of 2**: 0 solved" in text
+    ours = "| -200 (-200 to -199) | 300 300 | solved |"
+    assert f"| `Pendulum-v1` | 1,000 | -250 * {ours}  |  | not run |  |  |" in text
+    assert "| `Hopper-v5` | 1,000 | 3,800 |  |  | not run |  |  | not run |  |  |" in text
     assert "* Thresholds of our own: `Pendulum-v1` (ours)." in text
-    assert table(read(tmp_path / "nowhere", [TASK]), [TASK]).startswith("**0 of 1**")
+    assert table(read(tmp_path / "nowhere", [TASK]), [TASK]).startswith("**H-UCRL: 0 of 1**")
 
 
 def test_the_table_replaces_the_last_one(tmp_path: Path) -> None:
@@ -205,18 +211,22 @@ def test_a_failed_run_leaves_its_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_both_sides_run_and_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_sides_run_and_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["--quick", "--envs", "Pendulum-v1", "--seeds", "51", "--jobs", "1", "--output", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["suite.py", *words])
     main()
     folder = tmp_path / "quick"
     assert (folder / "suite.png").stat().st_size > 10_000
-    ours, others = (pd.read_csv(folder / who / "Pendulum-v1_51.csv") for who in ("hucrl", "baseline"))
+    ours, others, robots = (pd.read_csv(folder / who / "Pendulum-v1_51.csv") for who in ("hucrl", "baseline", "hsvg"))
     assert ours.real_steps.to_list() == [200] * 4
     assert others.real_steps.to_list() == [200] * 12
     # Ten evaluations; the last two fall upon the last episode that ended.
     assert others.mode_return.notna().sum() == 9
-    assert set(ours.entry) == {"default"}
+    assert set(robots.algo) == {"hsvg"}
+    # Five random episodes, and three after each search that has come to its end.
+    assert robots.real_steps.to_list() == [200] * 11
+    assert set(ours.entry) == set(robots.entry) == {"default"}
     assert set(others.entry) == {"Pendulum-v1"}
     assert ours.error.isna().all()
+    assert robots.error.isna().all()
     assert others.error.isna().all()

@@ -12,6 +12,7 @@ import pandas as pd
 
 from suite_parts.measure import FRACTION, failed, played, trailing_means
 from suite_parts.plans import TENFOLD
+from suite_parts.table import SIDES
 from suite_parts.tasks import SuiteTask
 
 mpl.use("agg")
@@ -21,8 +22,8 @@ from matplotlib.axes import Axes
 COLUMNS = 6
 #: points of each curve
 POINTS = 200
-#: names and colours of the two sides, and their budgets as multiples of ours
-SIDES = {"hucrl": ("H-UCRL", "C0", 1), "baseline": ("SAC", "C1", TENFOLD)}
+#: colours of the sides, and their budgets as multiples of ours
+STYLES = {"hucrl": ("C0", 1), "hsvg": ("C2", 1), "baseline": ("C1", TENFOLD)}
 
 
 def curve(run: pd.DataFrame, task: SuiteTask, steps: int, grid: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -73,7 +74,8 @@ def draw(results: pd.DataFrame, tasks: Sequence[SuiteTask], picture: Path) -> No
 def _draw_panel(axis: Axes, results: pd.DataFrame, task: SuiteTask) -> None:
     axis.set_title(f"{task.env}\nsolved at {task.solved:,.6g}", fontsize=9)
     notes = []
-    for who, (label, colour, multiple) in SIDES.items():
+    for who, (colour, multiple) in STYLES.items():
+        label = SIDES[who]
         runs = [run for _, run in results[results.who == who].groupby("seed")]
         errors = sum(failed(run) for run in runs)
         if errors:

@@ -25,7 +25,7 @@ ENOUGH = 1_000
 FASTEST = "sac" if find_spec("sbx") is None else "sbx_sac"
 #: for quick runs, which only check that everything works
 QUICK_SEARCH, QUICK_SEARCHES = 640, 3
-QUICK_PARAMS = (f"hucrl_imagined_steps:{QUICK_SEARCH}", "hucrl_horizon:10")
+QUICK_PARAMS = (f"hucrl_imagined_steps:{QUICK_SEARCH}", "hucrl_horizon:10", "hucrl_dynamics__gradient_steps:20")
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def hucrl(task: SuiteTask, algo: str, quick: bool) -> Plan:
     """
     :param task: the environment
     :param algo: of the policy search
-    :param quick: whether to make very short searches
+    :param quick: whether to make very short searches, of models that are hardly fitted
     :return: the default setting, whether there is another one for this environment or not
     """
     entry = default_entry(algo)
@@ -127,4 +127,4 @@ def baseline(task: SuiteTask, algo: str, quick: bool) -> Plan:
 
 
 #: plans by the name of the side
-PLANS: dict[str, Callable[[SuiteTask, str, bool], Plan]] = {"hucrl": hucrl, "baseline": baseline}
+PLANS: dict[str, Callable[[SuiteTask, str, bool], Plan]] = {"hucrl": hucrl, "hsvg": hucrl, "baseline": baseline}

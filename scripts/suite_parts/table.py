@@ -15,15 +15,13 @@ from suite_parts.plans import TENFOLD
 from suite_parts.tasks import GYMNASIUM, SuiteTask
 
 BEGIN, END = "<!-- suite -->", "<!-- end of suite -->"
+#: the policy searches in imagination that are compared with SAC, by the name of their side
+SEARCHES = {"hucrl": "H-UCRL", "hsvg": "H-SVG"}
+SIDES = {**SEARCHES, "baseline": "SAC"}
 HEADER = (
-    "environment",
-    "real steps",
-    "solved at",
-    "H-UCRL",
-    "first solved, each seed",
-    "SAC, same steps",
-    "SAC, ten times the steps",
-    "verdict",
+    *("environment", "real steps", "solved at"),
+    *(column for name in SEARCHES.values() for column in (name, "first solved, each seed", "verdict")),
+    *("SAC, same steps", "SAC, ten times the steps"),
 )
 Verdict = Literal["solved", "better than SAC at 10x", "fails", "not solved", "not run"]
 
@@ -41,20 +39,38 @@ def read(folder: Path, tasks: Sequence[SuiteTask]) -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
+class Search:
+    """
+    What a policy search reached on one environment. Each number is of one run, in the order of the seeds.
+
+    :param returns: mean returns of the latest episodes; minus infinity for a failed run
+    :param first: real steps after which each run was first solved; infinity for never
+    :param verdict: compares medians over the seeds
+    """
+
+    returns: list[float]
+    first: list[float]
+    verdict: Verdict
+
+    def cells(self) -> tuple[str, str, str]:
+        """Of the table."""
+        first = " ".join("-" if np.isinf(steps) else f"{steps:,.0f}" for steps in sorted(self.first))
+        return _range(self.returns), first, self.verdict
+
+
+@dataclass(frozen=True)
 class Line:
     """
-    One environment. Each number is of one run, in the order of the seeds; a failed run has minus infinity.
+    One environment.
 
     :param task: the environment
-    :param ours: mean returns of H-UCRL's latest episodes
-    :param first: real steps after which each run of ours was first solved; infinity for never
-    :param same: returns of SAC at the same real steps
+    :param searches: by the name of their side
+    :param same: returns of SAC at the same real steps, one of each run
     :param tenfold: returns of SAC at ten times as many
     """
 
     task: SuiteTask
-    ours: list[float]
-    first: list[float]
+    searches: dict[str, Search]
     same: list[float]
     tenfold: list[float]
 
@@ -70,41 +86,35 @@ class Line:
             values = [measure(run) for _, run in of_task[of_task.who == who].groupby("seed")]
             return [value for value in values if not np.isnan(value)]
 
-        return cls(
-            task,
-            each("hucrl", lambda run: final_return(run, task, task.real_steps)),
-            each("hucrl", lambda run: first_solved(run, task)),
-            each("baseline", lambda run: final_return(run, task, task.real_steps)),
-            each("baseline", lambda run: final_return(run, task, TENFOLD * task.real_steps)),
-        )
+        def after(who: str, steps: int) -> list[float]:
+            return each(who, lambda run: final_return(run, task, steps))
 
-    @property
-    def verdict(self) -> Verdict:
-        """Compares medians over the seeds."""
-        if not self.ours:
-            return "not run"
-        ours = np.median(self.ours)
-        if ours >= self.task.solved:
-            return "solved"
-        if not self.tenfold:
-            return "not solved"
-        return "better than SAC at 10x" if ours > np.median(self.tenfold) else "fails"
+        tenfold = after("baseline", TENFOLD * task.real_steps)
+        searches = {}
+        for who in SEARCHES:
+            returns, first = after(who, task.real_steps), each(who, lambda run: first_solved(run, task))
+            searches[who] = Search(returns, first, _verdict(task, returns, tenfold))
+        return cls(task, searches, after("baseline", task.real_steps), tenfold)
 
     def markdown(self) -> str:
         """A line of the table."""
         solved = _number(self.task.solved) + ("" if self.task.source == GYMNASIUM else " *")
-        first = " ".join("-" if np.isinf(steps) else f"{steps:,.0f}" for steps in sorted(self.first))
         cells = (
-            f"`{self.task.env}`",
-            f"{self.task.real_steps:,}",
-            solved,
-            _range(self.ours),
-            first,
-            _range(self.same),
-            _range(self.tenfold),
-            self.verdict,
+            *(f"`{self.task.env}`", f"{self.task.real_steps:,}", solved),
+            *(cell for search in self.searches.values() for cell in search.cells()),
+            *(_range(self.same), _range(self.tenfold)),
         )
         return "| " + " | ".join(cells) + " |"
+
+
+def _verdict(task: SuiteTask, ours: Sequence[float], tenfold: Sequence[float]) -> Verdict:
+    if not ours:
+        return "not run"
+    if np.median(ours) >= task.solved:
+        return "solved"
+    if not tenfold:
+        return "not solved"
+    return "better than SAC at 10x" if np.median(ours) > np.median(tenfold) else "fails"
 
 
 def table(results: pd.DataFrame, tasks: Sequence[SuiteTask]) -> str:
@@ -139,19 +149,23 @@ def put_into(page: Path, block: str) -> None:
 
 
 def _counts(lines: Sequence[Line]) -> str:
-    verdicts = [line.verdict for line in lines]
-    solved, better, fails = (verdicts.count(name) for name in ("solved", "better than SAC at 10x", "fails"))
-    undecided = len(lines) - solved - better - fails
-    return (
-        f"**{solved + better} of {len(lines)}**: {solved} solved, {better} not solved but better than SAC with ten "
-        f"times the real steps. {fails} fail" + (f", {undecided} are not decided yet." if undecided else ".")
-    )
+    counts = []
+    for who, name in SEARCHES.items():
+        verdicts = [line.searches[who].verdict for line in lines]
+        solved, better, fails = (verdicts.count(each) for each in ("solved", "better than SAC at 10x", "fails"))
+        undecided = len(lines) - solved - better - fails
+        counts.append(
+            f"**{name}: {solved + better} of {len(lines)}**: {solved} solved, {better} not solved but better than SAC "
+            f"with ten times the real steps. {fails} fail"
+            + (f", {undecided} are not decided yet." if undecided else ".")
+        )
+    return "\n\n".join(counts)
 
 
 def _runs(results: pd.DataFrame) -> list[str]:
     """Which runs there are, and of which commits: the table mixes whatever it finds."""
     described = []
-    for who, name in (("hucrl", "H-UCRL"), ("baseline", "SAC")):
+    for who, name in SIDES.items():
         rows = results[results.who == who]
         if rows.empty:
             continue
@@ -164,7 +178,7 @@ def _runs(results: pd.DataFrame) -> list[str]:
 
 def _failures(results: pd.DataFrame) -> list[str]:
     runs = [
-        f"- {'H-UCRL' if who == 'hucrl' else 'SAC'} on `{env}`, seed {seed}: `{run.error.iloc[0]}`"
+        f"- {SIDES[str(who)]} on `{env}`, seed {seed}: `{run.error.iloc[0]}`"
         for (who, env, seed), run in results.groupby(["who", "env", "seed"])
         if failed(run)
     ]
