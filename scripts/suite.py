@@ -1,5 +1,5 @@
 """
-One setting, the default one, on eighteen environments, beside SAC without a model.
+Two policy searches on eighteen environments, each with its default setting, beside SAC without a model.
 
 On each environment, the same command trains with nothing changed but the environment's id. SAC gets rl_zoo3's own
 settings for the environment, and is looked at after the same and after ten times the real steps. Each run writes one
