@@ -17,7 +17,7 @@ from sb3_hucrl import HUCRLCallback
 from sb3_hucrl.dynamics import DYNAMICS
 from sb3_hucrl.exploration import STRATEGIES
 from sb3_hucrl.planning import PLANNERS
-from sb3_hucrl.tasks import find_task
+from sb3_hucrl.tasks import check_task, find_task
 from sb3_hucrl.tasks.registry import TASKS
 from test_layout import FORWARDING, ROOMS
 
@@ -100,6 +100,11 @@ def test_every_extension_is_used() -> None:
         checked["Shaped"](width=0)
 
 
+def test_the_task_of_ones_own_is_a_task() -> None:
+    [task] = map(run, snippets("using_it.md"))
+    check_task(task["Parking"](), observation_dim=3, action_dim=1)
+
+
 @pytest.mark.parametrize("page", ["settings.md", "theory.md"])
 def test_a_page_runs(page: str) -> None:
     for snippet in snippets(page):
@@ -107,7 +112,7 @@ def test_a_page_runs(page: str) -> None:
 
 
 def test_no_page_is_forgotten() -> None:
-    tested = {"extending.md", "quick_start.md", "settings.md", "theory.md"}
+    tested = {"extending.md", "quick_start.md", "settings.md", "theory.md", "using_it.md"}
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 
