@@ -1,20 +1,24 @@
 """H-UCRL for Stable-Baselines3: optimistic model-based reinforcement learning with the algorithms you already use."""
 
 from sb3_hucrl._version import __version__
+from sb3_hucrl.ask_tell import AskTell
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics import DeterministicEnsemble, DynamicsModel, Prediction, ProbabilisticEnsemble
 from sb3_hucrl.envs import register_envs
 from sb3_hucrl.exploration import Bonus, ExplorationStrategy, Greedy, Optimistic, Thompson
 from sb3_hucrl.imagination import StartStates, World
-from sb3_hucrl.loop import HUCRLState, Loop
+from sb3_hucrl.loop import AskedPolicy, Episode, HUCRLState, Loop
 from sb3_hucrl.tasks import Task, register_task
-from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv
+from sb3_hucrl.wrappers import HallucinationWrapper, ImaginationVecEnv, LearnedModelEnv, RemoteEnv
 
 __all__ = [
+    "AskTell",
+    "AskedPolicy",
     "Bonus",
     "DeterministicEnsemble",
     "DynamicsModel",
+    "Episode",
     "ExplorationStrategy",
     "Greedy",
     "HUCRLCallback",
@@ -26,6 +30,7 @@ __all__ = [
     "Optimistic",
     "Prediction",
     "ProbabilisticEnsemble",
+    "RemoteEnv",
     "StartStates",
     "Task",
     "Thompson",

@@ -14,6 +14,7 @@ ROOMS = [
     ["diagnose", "plot_run", "record"],
     ["diagnosis", "pictures"],
     ["zoo"],
+    ["ask_tell"],
     ["callbacks"],
     ["sb3"],
     ["loop"],

@@ -1,6 +1,7 @@
 """The outer loop of H-UCRL (Algorithm 2), for any policy search."""
 
 from sb3_hucrl.loop.actors import random_actor
+from sb3_hucrl.loop.asked import Asked, AskedPolicy, FoundPolicy
 from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.loop import JUDGED, Loop
@@ -11,9 +12,14 @@ from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import ModelSettings, RealSettings, SearchSettings, Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode, PromisedReturn
 from sb3_hucrl.loop.systems import ParallelSystems, RealSystem, RealSystems
+from sb3_hucrl.loop.told import Episode
 
 __all__ = [
     "JUDGED",
+    "Asked",
+    "AskedPolicy",
+    "Episode",
+    "FoundPolicy",
     "HUCRLState",
     "ImaginedEpisode",
     "Loop",

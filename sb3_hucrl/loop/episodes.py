@@ -43,7 +43,7 @@ class Round:
     ) -> None:
         count = len(systems) if num_episodes is None else num_episodes
         self._systems, self._action_space = systems, problem.action_space
-        self._episodes = [_Episode(index, problem, reality) for index in range(count)]
+        self._episodes = [EpisodeRecorder(f"environment {index}", problem, reality) for index in range(count)]
 
     def play(self, act: BatchActor) -> list[Transitions]:
         """
@@ -62,7 +62,7 @@ class Round:
         with progress_bar(None, "real episode") as bar:
             while running := [index for index, episode in enumerate(episodes) if episode.transitions is None]:
                 actions = act(np.stack([episode.observation for episode in episodes]), first)
-                _require_actions(actions, len(episodes), self._action_space)
+                require_actions(actions, len(episodes), self._action_space)
                 outcomes = self._systems.step(running, actions[running])
                 for index, outcome in zip(running, outcomes, strict=True):
                     episodes[index].record(actions[index], outcome)
@@ -78,11 +78,17 @@ class Round:
         return [episode.transitions for episode in self._episodes if episode.transitions is not None]
 
 
-class _Episode:
-    """One of them, as far as it has been played."""
+class EpisodeRecorder:
+    """
+    One real episode, as far as it has been played.
 
-    def __init__(self, index: int, problem: Problem, reality: Reality | None) -> None:
-        self._index, self._problem, self._reality = index, problem, reality
+    :param where: it is played, for error messages
+    :param problem: the hallucinated part a′ of its actions is not stored
+    :param reality: compares the task with the episode when it is over; None for no comparison
+    """
+
+    def __init__(self, where: str, problem: Problem, reality: Reality | None) -> None:
+        self._where, self._problem, self._reality = where, problem, reality
         self._observations: list[Array] = []
         self._actions: list[Array] = []
         self._rewards: list[float] = []
@@ -92,9 +98,18 @@ class _Episode:
         self.transitions: Transitions | None = None
 
     def begin(self, observation: Any) -> None:
+        """
+        :param observation: the first one
+        :raises ValueError: if it is not finite or of another shape
+        """
         self._observe(observation)
 
     def record(self, action: Array, outcome: Outcome) -> None:
+        """
+        :param action: of a step, with or without a′
+        :param outcome: of it
+        :raises ValueError: as :meth:`Round.play`
+        """
         observation, reward, terminated, truncated, _ = outcome
         self._actions.append(action[: self._problem.action_dim])
         self._rewards.append(self._number("reward", reward))
@@ -103,7 +118,7 @@ class _Episode:
             self.transitions = self._finish(bool(terminated))
         elif len(self._actions) >= self._problem.episode_length:
             raise ValueError(
-                f"a real episode has not ended after {len(self._actions)} steps (environment {self._index}), which is "
+                f"a real episode has not ended after {len(self._actions)} steps ({self._where}), which is "
                 "the time limit of its specification: wrap the environment in gymnasium.wrappers.TimeLimit, which ends "
                 "it there"
             )
@@ -139,7 +154,7 @@ class _Episode:
     ) -> npt.NDArray[np.floating[Any]]:
         # A copy: some environments write every observation into the same array.
         array = np.array(value, dtype=np.float32)
-        where = f"at step {len(self._actions)} (environment {self._index})"
+        where = f"at step {len(self._actions)} ({self._where})"
         if array.shape != shape:
             raise ValueError(
                 f"the real environment returned {name} of shape {array.shape} {where}: it must have shape {shape}, "
@@ -152,7 +167,13 @@ class _Episode:
         return array
 
 
-def _require_actions(actions: Array, count: int, space: spaces.Box) -> None:
+def require_actions(actions: Array, count: int, space: spaces.Box) -> None:
+    """
+    :param actions: of one step each
+    :param count: how many there must be
+    :param space: that they must be in, up to rounding
+    :raises ValueError: if one is not, or the shape is another
+    """
     if actions.shape != (count, *space.shape):
         raise ValueError(
             f"the actions have shape {actions.shape}: {count} environments with actions {space} need "

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,10 @@ from sb3_hucrl.imagination import (
     trusted_horizon,
 )
 from sb3_hucrl.loop.actors import random_actor
-from sb3_hucrl.loop.budget import least_real_steps, search_length
+from sb3_hucrl.loop.asked import AskedPolicy, FoundPolicy, freeze
 from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
 from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.plan import Plan
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.report import Report
@@ -35,7 +36,8 @@ from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
-from sb3_hucrl.loop.systems import RealSystem, RealSystems
+from sb3_hucrl.loop.systems import RealSystem, RealSystems, require_systems
+from sb3_hucrl.loop.told import Episode, read_episode, same_transitions
 from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
@@ -59,9 +61,23 @@ class Loop:
     policies found so far, and records what the model promised. The loop owns what is learned (:attr:`state`) and knows
     no other library.
 
+    Where the real system is elsewhere, ``real`` is None. Then the loop is asked for policies, and told the episodes
+    that they played::
+
+        while not loop.finished:
+            if loop.needs_search:
+                world = loop.begin_search()
+                ...  # search a policy in the world
+            policy = loop.ask(search)
+            ...  # send it, play it, get the episode
+            loop.tell(episode)
+
+    There may be several policies under way at once, and episodes may be told in any order. A state that is saved after
+    each call, with pickle, is what a new loop goes on from.
+
     :param settings: of real episodes, search, model and planning
     :param problem: what is known of the environment
-    :param real: the real system, or several copies of it
+    :param real: the real system, or several copies of it; None where real episodes are told
     :param state: to go on with, or None to begin afresh
     :param seed: of a fresh state; None for a random one
     :param device: of the dynamics model
@@ -74,7 +90,7 @@ class Loop:
         self,
         settings: Settings,
         problem: Problem,
-        real: RealSystem | RealSystems,
+        real: RealSystem | RealSystems | None,
         state: HUCRLState | None = None,
         seed: Seed | None = None,
         device: th.device | str = "cpu",
@@ -82,11 +98,12 @@ class Loop:
         on_refit: Callable[[Report], None] = lambda report: None,
     ) -> None:
         self.settings, self.problem = settings, problem
-        self._systems = real if isinstance(real, RealSystems) else RealSystems([real])
-        self._require_enough_systems()
+        self._systems = RealSystems([real]) if isinstance(real, RealSystem) else real
+        require_systems(self._systems, settings.real)
         self._on_episode, self._on_refit = on_episode, on_refit
         self._reality = Reality(problem)
         self.state = self._fresh_state(seed) if state is None else state
+        self._plan = Plan(settings, self.state, problem.episode_length)
         self._require_same_dimensions()
         replaced = follow_settings(self.state, settings.model, problem.task)
         self.state.dynamics.to(device)
@@ -105,7 +122,9 @@ class Loop:
         self._starts = self.recipe.starts(self.state)
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
-        self._solved = False
+        # The file of a run that is told does not say whether it was over.
+        self._solved = real is None and self._is_solved
+        self._searching = False
         #: before a real episode that has not been finished
         self._imagined: ImaginedEpisode | None = None
         self._scalars: dict[str, float] = {}
@@ -126,14 +145,6 @@ class Loop:
             return HorizonSchedule.read(given).at(len(known))
         return trusted_horizon(self.state.dynamics, known, self.problem.task, longest) if len(known) else longest
 
-    def _require_enough_systems(self) -> None:
-        wanted, found = self.settings.real.real_envs, len(self._systems)
-        if wanted > found:
-            raise ValueError(
-                f"real_envs is {wanted}, and the number of environments {found}: make more of them (n_envs), or give "
-                f"at most {found}"
-            )
-
     def _require_same_dimensions(self) -> None:
         dataset = self.state.dataset
         found, expected = (dataset.state_dim, dataset.action_dim), (self.problem.task.width, self.problem.action_dim)
@@ -148,40 +159,21 @@ class Loop:
         Play the random real episodes that are still missing, and fit the model to what it has not seen. If that was
         interrupted between the real episodes after a search, :meth:`end_search` plays the others first.
         """
-        state, real = self.state, self.settings.real
-        act = random_actor(self.problem.action_space, state.generator)
-        if state.fitted_steps == 0:
-            while self._misses(real.initial_episodes, real.initial_steps):
-                self.play(act)
-        if self._unseen_steps and not self._is_between_episodes:
+        act = random_actor(self.problem.action_space, self.state.generator)
+        while self._plan.misses_random:
+            self.play(act)
+        if self._plan.unseen_steps and not self._plan.is_between_episodes:
             self.refit()
-
-    @property
-    def _unseen_steps(self) -> int:
-        """Real steps that the model has not been fitted to."""
-        return len(self.state.dataset) - self.state.fitted_steps
-
-    def _misses(self, episodes: int, steps: int | None) -> bool:
-        """Whether there must be more real episodes before the next refit."""
-        unseen = sum(end > self.state.fitted_steps for end in accumulate(self.state.dataset.lengths))
-        return unseen < episodes or self._unseen_steps < self._budget(steps)
-
-    @property
-    def _is_between_episodes(self) -> bool:
-        """Whether a search has ended, and some of its real episodes are played, but not all."""
-        real = self.settings.real
-        played = self.state.fitted_steps > 0 and self._unseen_steps > 0
-        return played and self._misses(real.real_episodes, real.real_steps)
-
-    def _budget(self, steps: int | None) -> int:
-        """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
-        return least_real_steps(self.problem.episode_length) if steps is None else steps
 
     @property
     def progress(self) -> float:
         """Fraction of the ``max_real_steps`` that are used up; 0 where there is no such number."""
-        most = self.settings.real.max_real_steps
-        return 0.0 if most is None else len(self.state.dataset) / most
+        return self._plan.progress
+
+    @property
+    def next_progress(self) -> float:
+        """The same, once the real episodes after the present search are played; at most 1."""
+        return min(1.0, self._plan.next_progress)
 
     @property
     def finished(self) -> bool:
@@ -191,22 +183,34 @@ class Loop:
     @property
     def imagined_steps(self) -> int:
         """Timesteps of the present search; 0 if it has ended before, and its real episodes were interrupted."""
-        if self._is_between_episodes:
+        if self._systems is not None and self._plan.is_between_episodes:
             return 0
-        if self.settings.search.imagined_steps is not None:
-            return self.settings.search.imagined_steps
-        new_steps = self.state.new_steps
-        if new_steps is None:
-            new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
-        return search_length(new_steps)
+        return self._plan.search_steps
+
+    @property
+    def needs_search(self) -> bool:
+        """Whether it is time for :meth:`begin_search`, where real episodes are told: enough of them are new."""
+        plan = self._plan
+        return not plan.misses_random and (plan.needs_refit or not plan.is_searched)
 
     @validated
     def begin_search(self, num_trajectories: Count = 1, progress: NotNegative = 0.0) -> World:
         """
+        Where real episodes are told, this first fits the model to those that are new.
+
         :param num_trajectories: number of trajectories that will be imagined in parallel
-        :param progress: fraction of the training that will be over when the search ends
+        :param progress: fraction of the training that will be over when the search ends; where real episodes are told,
+            :attr:`next_progress` counts if it is larger
         :return: the World to search in until the next refit
+        :raises ValueError: if random real episodes are still to be told
         """
+        if self._systems is None:
+            if self._plan.misses_random:
+                raise ValueError("random real episodes are missing: ask() for policies, and tell() what they played")
+            if self._plan.needs_refit:
+                self.refit()
+            progress = max(progress, self.next_progress)
+        self._searching = True
         planning = self.settings.planning
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
         horizon, longest = self._horizon(), self.problem.episode_length
@@ -233,7 +237,23 @@ class Loop:
         :param progress: fraction of the training that is over
         """
         deterministic = not self._explores(progress)
+        self._choose(search, deterministic)
+        uncertainties = []
+        while self._plan.misses_real:
+            planner = search.planner(deterministic)
+            if planner is None:
+                self._imagined = self._imagine(search.actor(deterministic))
+                uncertainties.append(self._uncertainty(self._imagined))
+            self.play(planner or search.actor(deterministic))
+        if uncertainties:
+            self._scalars["imagined/epistemic_std"] = float(np.mean(uncertainties))
+        self.refit()
+
+    def _choose(self, search: Search, deterministic: bool) -> None:
+        """Let the search go on from the best policy so far, if it is the mode that plays."""
+        self._searching = False
         self._scalars["time/search_seconds"] = time.perf_counter() - self._search_started
+        self._note("imagined", search.diagnostics())
         if deterministic and search.parameters() is not None:
             self.state.best, promised = choose_policy(
                 search,
@@ -244,27 +264,83 @@ class Loop:
                 ),
             )
             self._scalars["imagined/mode_return"] = promised
-        uncertainties = []
-        real = self.settings.real
-        while self._misses(real.real_episodes, real.real_steps):
-            planner = search.planner(deterministic)
-            if planner is None:
-                uncertainties.append(self._imagine(search.actor(deterministic)))
-            self.play(planner or search.actor(deterministic))
-        if uncertainties:
-            self._scalars["imagined/epistemic_std"] = float(np.mean(uncertainties))
-        self._note("imagined", search.diagnostics())
-        self.refit()
 
-    def _imagine(self, act: BatchActor) -> float:
+    @validated
+    def ask(self, search: Search | None = None) -> AskedPolicy:
         """
-        Note what the model promises of the next real episode, the first of its round. Returns the mean epistemic std
-        along it.
+        A policy for one real episode that is played elsewhere. At first it acts at random. After a search it is what
+        the search has found: in the first part of the training it samples the present policy, later it plays the mode
+        of the best one so far. Until enough is told for another search, all policies are the same but for their seeds.
+
+        :param search: of a policy in :attr:`world`; needed after a search
+        :return: can be pickled
+        :raises ValueError: if a search is needed before, or the policy cannot be pickled
         """
+        state, promised = self.state, None
+        if self._plan.misses_random:
+            generator = th.Generator().manual_seed(state.draw_seed())
+            actor = freeze(random_actor(self.problem.action_space, generator))
+        else:
+            if self._searching and search is not None:
+                state.asked.found = self._find(search)
+            elif self.needs_search or state.asked.found is None:
+                raise ValueError(
+                    "enough real episodes were told for another search: begin_search(), search in that world, and then "
+                    "ask(search)"
+                )
+            actor, promised = state.asked.found.actor, state.asked.found.promised
+        # Not from the loop's generator: no two policies are the same, even if a state that was saved before goes on.
+        policy = AskedPolicy(uuid.uuid4().hex, actor, self.problem, state.draw_seed())
+        state.asked.open[policy.id] = promised
+        return policy
+
+    def _find(self, search: Search) -> FoundPolicy:
+        deterministic = not self.world.exploring
+        self._choose(search, deterministic)
+        planner, promised = search.planner(deterministic), None
+        if planner is None:
+            imagined = self._imagine(search.actor(deterministic))
+            self._scalars["imagined/epistemic_std"] = self._uncertainty(imagined)
+            promised = imagined.transitions
+        return FoundPolicy(self.state.fitted_steps, freeze(planner or search.actor(deterministic)), promised)
+
+    @validated
+    def tell(self, episode: Episode) -> bool:
+        """
+        Remember a real episode that was played elsewhere, for the next refit. It may be told again, for example by a
+        process that was killed before it knew of the answer: it is remembered once. What was played by other policies
+        than those asked for counts in the same way.
+
+        :param episode: of a policy from :meth:`ask`, or of another one
+        :return: whether it is new; False if it was told before
+        :raises ValueError: if it is not what a real episode must be, or another episode was told under its policy's id
+        """
+        asked, dataset = self.state.asked, self.state.dataset
+        index = asked.index_of(episode.policy_id, len(dataset.lengths))
+        transitions = read_episode(episode, self.problem, self._reality if index is None else None)
+        if index is None:
+            promised = asked.open.get(episode.policy_id)
+            self._imagined = promised and ImaginedEpisode(self.state.real_episodes + 1, promised)
+            asked.told[episode.policy_id] = len(dataset.lengths)
+            self._remember([transitions])
+            self._imagined = None
+            asked.open.pop(episode.policy_id, None)
+        elif not same_transitions(transitions, dataset.episodes[index]):
+            raise ValueError(
+                f"another episode of policy {episode.policy_id!r} was told before: ask() for a policy for each episode"
+            )
+        # Also of what was told before: to save it may have failed.
+        self._on_episode()
+        return index is None
+
+    def _imagine(self, act: BatchActor) -> ImaginedEpisode:
+        """What the model promises of the next real episode, the first of its round."""
         episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
-        self._imagined = ImaginedEpisode(self.state.real_episodes + 1, episode)
-        # Of the whole model, even where a posterior sample was imagined, which has no epistemic part.
-        return float(epistemic_std(self.state.dynamics, episode).mean())
+        return ImaginedEpisode(self.state.real_episodes + 1, episode)
+
+    def _uncertainty(self, imagined: ImaginedEpisode) -> float:
+        """Mean epistemic std of the whole model, even where a posterior sample was imagined, which has none."""
+        return float(epistemic_std(self.state.dynamics, imagined.transitions).mean())
 
     @validated
     def play(self, act: BatchActor) -> list[Transitions]:
@@ -274,8 +350,11 @@ class Loop:
 
         :param act: chooses the actions, of a batch of ``real_envs``
         :return: the episodes, in the order of the environments
-        :raises ValueError: if the environment gives what it must not, or something else than the task says
+        :raises ValueError: if the environment gives what it must not, or something else than the task says, or there
+            is none
         """
+        if self._systems is None:
+            raise ValueError("there is no real system here: ask() for a policy, and tell() the episode that it played")
         started = time.perf_counter()
         playing = Round(self._systems, self.problem, self.settings.real.real_envs, self._reality)
         try:
@@ -294,14 +373,18 @@ class Loop:
         if self._imagined is not None:
             state.remember_imagined(self._imagined)
         state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
+        self._solved |= self._is_solved
+
+    @property
+    def _is_solved(self) -> bool:
         threshold = self.settings.real.reward_threshold
-        self._solved |= threshold is not None and state.last_return >= threshold
+        return threshold is not None and self.state.last_return >= threshold
 
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
         fit = self._fit()
-        state.new_steps = self._unseen_steps
+        state.new_steps = self._plan.unseen_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})

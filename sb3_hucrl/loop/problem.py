@@ -54,6 +54,12 @@ class Problem:
     episode_length: Count
     wrappers: tuple[str, ...] = ()
 
+    @property
+    def real_action_space(self) -> spaces.Box:
+        """Of a alone."""
+        box, q = self.action_space, self.action_dim
+        return spaces.Box(box.low[:q], box.high[:q], dtype=box.low.dtype.type)
+
     @classmethod
     def from_spaces(
         cls,

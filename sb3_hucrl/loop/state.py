@@ -10,6 +10,7 @@ import torch as th
 
 from sb3_hucrl.data import TransitionDataset, Transitions
 from sb3_hucrl.dynamics.base import DynamicsModel
+from sb3_hucrl.loop.asked import Asked
 
 #: of what is pickled; version 0 (sb3_hucrl 0.1) had none, and imagined episodes without their numbers
 FORMAT = 1
@@ -91,6 +92,7 @@ class HUCRLState:
         not known, and in files of earlier versions
     :param best: parameters of the policy with the highest imagined return so far, in the search's own format; None
         while real episodes explore
+    :param asked: policies that were asked for, and episodes that were told, where the real system is elsewhere
     """
 
     dataset: TransitionDataset
@@ -105,6 +107,7 @@ class HUCRLState:
     origin: ModelOrigin | None = None
     environment: dict[str, Any] | None = None
     best: Any = None
+    asked: Asked = field(default_factory=Asked, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "dynamics": copy.deepcopy(self.dynamics).cpu(), "format": FORMAT}
@@ -123,7 +126,7 @@ class HUCRLState:
             first = counted - len(episodes) + 1
             state["imagined_episodes"] = [ImaginedEpisode(number, each) for number, each in enumerate(episodes, first)]
         missing = dict.fromkeys(("new_steps", "search_start", "origin", "environment"))
-        self.__dict__.update({**missing, **state})
+        self.__dict__.update({**missing, "asked": Asked(), **state})
         if "promised_returns" not in state:
             self._keep_what_is_needed()
 

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from sb3_hucrl.checks import validated
 from sb3_hucrl.imagination import Array
+from sb3_hucrl.loop.settings import RealSettings
 
 T = TypeVar("T")
 #: of a step: observation, reward, terminated, truncated, infos
@@ -95,3 +96,29 @@ class ParallelSystems(RealSystems):
             # Also after Ctrl-C: an answer that nobody has read would be taken for that to the next call.
             wait(futures)
         return [future.result() for future in futures]
+
+
+def require_systems(systems: RealSystems | None, settings: RealSettings) -> None:
+    """
+    :param systems: copies of the real system; None where real episodes are told
+    :param settings: of real episodes
+    :raises ValueError: if the settings ask for more copies than there are, or real episodes are told and there is no
+        number of steps to plan with
+    """
+    if systems is not None:
+        if settings.real_envs > len(systems):
+            raise ValueError(
+                f"real_envs is {settings.real_envs}, and the number of environments {len(systems)}: make more of them "
+                f"(n_envs), or give at most {len(systems)}"
+            )
+        return
+    if settings.max_real_steps is None:
+        raise ValueError(
+            "max_real_steps is None, and real episodes are told: give the number of real steps that you plan; "
+            "sampling_fraction and the end of the run depend on it"
+        )
+    if settings.real_envs > 1:
+        raise ValueError(
+            f"real_envs is {settings.real_envs}, and real episodes are told: leave it out, and ask() for each episode "
+            "of each real system"
+        )

@@ -1,6 +1,7 @@
 """SB3 algorithms as policy searches of the loop: the only room that touches SB3's private attributes."""
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
+from sb3_hucrl.sb3.asking import begin_logger, search_policy
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
@@ -26,6 +27,7 @@ __all__ = [
     "SingleEnv",
     "TrainingLog",
     "attach_state",
+    "begin_logger",
     "find_imagination",
     "get_state",
     "is_whole",
@@ -41,4 +43,5 @@ __all__ = [
     "save_atomically",
     "saved_curve",
     "saved_normalization",
+    "search_policy",
 ]

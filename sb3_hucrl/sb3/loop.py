@@ -24,6 +24,7 @@ def make_loop(
     on_episode: Callable[[], None],
     on_refit: Callable[[Report], None],
     verbose: int,
+    told: bool = False,
 ) -> Loop:
     """
     A loop that goes on with what the algorithm carries, and otherwise begins with what it then carries.
@@ -34,15 +35,21 @@ def make_loop(
     :param on_episode: called after each real episode, or each round of those played at once
     :param on_refit: called with a report after each refit
     :param verbose: 1 prints what is resumed
+    :param told: whether real episodes are played elsewhere, and told
     :raises ValueError: if environment, settings and what the algorithm carries do not fit together
     """
     problem = read_problem(env.venv, settings.model)
     if isinstance(problem.task, LearnedReward):
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     carried = get_state(model)
-    systems = real_systems(env.venv, monitor_recorder(carried_lines(model)))
+    lines = carried_lines(model)
+    record = monitor_recorder(lines)
+    systems = None if told else real_systems(env.venv, record)
 
     def on_played() -> None:
+        if told:
+            for episode in loop.state.dataset.episodes[len(lines["monitor"]) :]:
+                record({"r": round(float(episode.rewards.double().sum()), 6), "l": len(episode)})
         # From here on the search is over, even if the training ends before the next one begins.
         loop.state.search_start = model.num_timesteps
         on_episode()

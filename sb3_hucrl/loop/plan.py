@@ -1,0 +1,92 @@
+"""What is due next: random real episodes, a refit, a search, or real episodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate
+
+from sb3_hucrl.loop.budget import least_real_steps, search_length
+from sb3_hucrl.loop.settings import Settings
+from sb3_hucrl.loop.state import HUCRLState
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    Compares what a run has done with what its settings ask for.
+
+    :param settings: of the run
+    :param state: of the run, as it is at the time of each question
+    :param episode_length: time limit of a real episode, in steps
+    """
+
+    settings: Settings
+    state: HUCRLState
+    episode_length: int
+
+    @property
+    def unseen_steps(self) -> int:
+        """Real steps that the model has not been fitted to."""
+        return len(self.state.dataset) - self.state.fitted_steps
+
+    def _misses(self, episodes: int, steps: int | None) -> bool:
+        """Whether there must be more real episodes before the next refit."""
+        unseen = sum(end > self.state.fitted_steps for end in accumulate(self.state.dataset.lengths))
+        return unseen < episodes or self.unseen_steps < self._budget(steps)
+
+    def _budget(self, steps: int | None) -> int:
+        """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
+        return least_real_steps(self.episode_length) if steps is None else steps
+
+    @property
+    def misses_random(self) -> bool:
+        """Whether random real episodes must be played."""
+        real = self.settings.real
+        return self.state.fitted_steps == 0 and self._misses(real.initial_episodes, real.initial_steps)
+
+    @property
+    def misses_real(self) -> bool:
+        """Whether real episodes with a policy must be played before the next refit."""
+        return self._misses(self.settings.real.real_episodes, self.settings.real.real_steps)
+
+    @property
+    def needs_refit(self) -> bool:
+        """Whether all real episodes before the next refit are played."""
+        return not (self.misses_random if self.state.fitted_steps == 0 else self.misses_real)
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether there is a policy that was found in the present model, and asked for."""
+        found = self.state.asked.found
+        return found is not None and found.fitted_steps == self.state.fitted_steps
+
+    @property
+    def is_between_episodes(self) -> bool:
+        """Whether a search has ended, and some of its real episodes are played, but not all."""
+        return self.state.fitted_steps > 0 and self.unseen_steps > 0 and self.misses_real
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the ``max_real_steps`` that are used up; 0 where there is no such number."""
+        return self._fraction(len(self.state.dataset))
+
+    @property
+    def next_progress(self) -> float:
+        """The same, once the real episodes after the present search are played."""
+        real, dataset = self.settings.real, self.state.dataset
+        planned = max([self._budget(real.real_steps), *(real.real_episodes * each for each in dataset.lengths[-1:])])
+        return self._fraction(len(dataset) + planned)
+
+    def _fraction(self, steps: int) -> float:
+        most = self.settings.real.max_real_steps
+        return 0.0 if most is None else steps / most
+
+    @property
+    def search_steps(self) -> int:
+        """Timesteps of a whole search in the present model."""
+        if self.settings.search.imagined_steps is not None:
+            return self.settings.search.imagined_steps
+        new_steps = self.state.new_steps
+        if new_steps is None:
+            new_steps = max([self._budget(self.settings.real.real_steps), *self.state.dataset.lengths[-1:]])
+        return search_length(new_steps)
