@@ -29,13 +29,14 @@ from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
 from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
-from sb3_hucrl.loop.report import Report
+from sb3_hucrl.loop.report import PlayedEpisode, Report, unseen_episodes
 from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
 from sb3_hucrl.loop.systems import RealSystem, RealSystems
+from sb3_hucrl.progress import begin_phase
 from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
@@ -279,7 +280,7 @@ class Loop:
         started = time.perf_counter()
         playing = Round(self._systems, self.problem, self.settings.real.real_envs, self._reality)
         try:
-            return playing.play(act)
+            return playing.play(act, "real episode" if self.state.fitted_steps else "random episode")
         finally:
             if finished := playing.finished():
                 self._remember(finished)
@@ -300,15 +301,28 @@ class Loop:
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
+        episodes = unseen_episodes(state, self.problem.task)
+        self._note_unseen(episodes)
         fit = self._fit()
         state.new_steps = self._unseen_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
-        self._on_refit(Report(self._scalars, fit))
+        self._on_refit(Report(self._scalars, fit, episodes))
         self._scalars, self._rollout_seconds = {}, 0.0
 
+    def _note_unseen(self, episodes: list[PlayedEpisode]) -> None:
+        promised = [each.promised for each in episodes if each.promised is not None]
+        r2 = [each.r2 for each in episodes if each.r2 is not None]
+        if episodes:
+            self._scalars["real/best_return"] = episodes[-1].best
+        if promised:
+            self._scalars["imagined/promised_return"] = promised[-1]
+        if r2:
+            self._scalars["dynamics/unseen_r2"] = float(np.mean(r2))
+
     def _fit(self) -> FitReport:
+        begin_phase("fit")
         # A search that needs no gradients, such as ARS, may have switched them off.
         with th.enable_grad():
             return self.state.dynamics.fit(self.state.dataset, self.state.generator)
