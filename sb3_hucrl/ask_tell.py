@@ -55,11 +55,11 @@ class AskTell:
         self.model = model
         begin_logger(model)
         self._loop = make_loop(
-            model, self._env, callback.settings, self._save, self._on_refit, callback.verbose, told=True
+            model, self._env, callback.settings, self._save, self._on_refit, callback.given_verbose, told=True
         )
         self._search = make_search(model, self._env, self._loop)
         self._file, self._log = Checkpoint(model, callback.checkpoint), TrainingLog()
-        self._log.begin(model, callback.log_dir, held=lambda: self._env.trajectories is not None)
+        self._log.begin(model, self._search, callback.log_dir, callback.given_verbose)
 
     @property
     def finished(self) -> bool:

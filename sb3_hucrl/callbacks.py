@@ -12,7 +12,7 @@ from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, choose_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
-from sb3_hucrl.sb3 import Checkpoint, TrainingLog, find_imagination, make_loop, make_search, require_place
+from sb3_hucrl.sb3 import Checkpoint, TrainingBar, TrainingLog, find_imagination, make_loop, make_search, require_place
 from sb3_hucrl.tasks import Task
 
 
@@ -57,7 +57,7 @@ class HUCRLCallback(BaseCallback):
     :param reward_threshold: stop training after a round of real episodes with at least this mean return; default: never
     :param log_dir: folder for ``progress.csv`` with everything that is logged; rl_zoo3 gives the run's folder
     :param checkpoint: zip file to save the model in after every real episode and refit; in rl_zoo3 ``checkpoint.zip``
-    :param verbose: 1 prints what is resumed
+    :param verbose: 1 prints a line for each real episode, 2 SB3's tables, 0 nothing; by default as the algorithm's
     :raises ValueError: if a number is out of its range or a name unknown
     """
 
@@ -90,9 +90,9 @@ class HUCRLCallback(BaseCallback):
         reward_threshold: float | None = None,
         log_dir: Location | None = None,
         checkpoint: Location | None = None,
-        verbose: Natural = 0,
+        verbose: Natural | None = None,
     ) -> None:
-        super().__init__(verbose)
+        super().__init__(verbose or 0)
         played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
         searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
         self.settings = Settings(
@@ -102,16 +102,16 @@ class HUCRLCallback(BaseCallback):
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )
         self.log_dir, self.checkpoint = log_dir, checkpoint
-        self._log, self._searching = TrainingLog(), False
+        self.given_verbose, self._log, self._searching = verbose, TrainingLog(), False
 
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
-        self._env = find_imagination(self.training_env)
-        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._on_refit, self.verbose)
-        self._file = Checkpoint(self.model, self.checkpoint)
-        self._search = make_search(self.model, self._env, self._loop)
+        model, self._env = self.model, find_imagination(self.training_env)
+        self._loop = make_loop(model, self._env, self.settings, self._save, self._on_refit, self.given_verbose)
+        self._file, self._search = Checkpoint(model, self.checkpoint), make_search(model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)
-        self._log.begin(self.model, self.log_dir, held=lambda: self._env.trajectories is not None)
+        bar = TrainingBar(self, self._loop, self._search)
+        self._log.begin(model, self._search, self.log_dir, self.given_verbose, bar)
         self._loop.begin()
         self._start_search()
 
@@ -130,8 +130,8 @@ class HUCRLCallback(BaseCallback):
         if self._searching:
             self._searching = False
             self._env.real()
-            self._log.end()
             self._file.end()
+        self._log.end()
 
     def _start_search(self) -> None:
         ends = (self.model.num_timesteps + self._loop.imagined_steps) / self._total_timesteps

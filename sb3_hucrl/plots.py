@@ -1,4 +1,4 @@
-"""Calibration plots."""
+"""Plots of a model's calibration, and of what it imagined beside what came true."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING
 
 import torch as th
 
+from sb3_hucrl.data import Transitions
 from sb3_hucrl.dynamics.calibration import LEVELS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: of a figure of episodes
+MOST_PANELS, COLUMNS = 24, 4
 
 
 def reliability_figure(coverage: Mapping[str, th.Tensor], title: str = "") -> Figure:
@@ -35,3 +39,47 @@ def reliability_figure(coverage: Mapping[str, th.Tensor], title: str = "") -> Fi
     axes[0].legend(frameon=False, loc="upper left", fontsize="small")
     figure.suptitle(title)
     return figure
+
+
+def episode_figure(real: Transitions, imagined: Transitions, title: str) -> Figure:
+    """
+    A real episode and what was imagined before it, one panel each for the return so far and for every action and state
+    dimension, up to :data:`MOST_PANELS`.
+
+    :param real: episode
+    :param imagined: episode, of the same task and with the same policy
+    :param title: of the figure
+    """
+    from matplotlib.figure import Figure
+
+    shown = {"real": _series(real), "imagined": _series(imagined)}
+    names = [*shown["real"]][:MOST_PANELS]
+    columns = min(COLUMNS, len(names))
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(3.2 * columns, 2.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for axis in axes.flat[len(names) :]:
+        axis.remove()
+    for axis, name in zip(axes.flat, names, strict=False):
+        axis.plot(shown["real"][name], color="C0", linewidth=1, label="real")
+        axis.plot(shown["imagined"][name], color="C1", linewidth=1, linestyle="--", label="imagined before it")
+        axis.set_title(name, fontsize=9)
+        axis.tick_params(labelsize=8)
+        axis.grid(alpha=0.3)
+    for axis in axes.flat[max(0, len(names) - columns) : len(names)]:
+        axis.set_xlabel("step", fontsize=8)
+        axis.tick_params(labelbottom=True)
+    axes[0, 0].legend(fontsize=8)
+    returns = ", ".join(f"{name} {float(each['return so far'][-1]):.1f}" for name, each in shown.items())
+    figure.suptitle(f"{title}: return {returns}", fontsize=10)
+    return figure
+
+
+def _series(episode: Transitions) -> dict[str, th.Tensor]:
+    """What is drawn of an episode over its steps, by name."""
+    actions, states = episode.actions.unbind(dim=1), episode.states.unbind(dim=1)
+    return {
+        "return so far": episode.rewards.cumsum(dim=0),
+        **{f"action {index}": values for index, values in enumerate(actions)},
+        **{f"state {index}": values for index, values in enumerate(states)},
+    }

@@ -19,10 +19,9 @@ from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, sma
 from sb3_hucrl import HUCRLState, StartStates, TransitionDataset, Transitions
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures, measure_exploration
 from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, Promise, compare_returns, measure_imagination
-from sb3_hucrl.diagnosis.model import ModelMeasures, UnseenEpisode, measure_model, one_step, open_loop, prefixes
+from sb3_hucrl.diagnosis.model import ModelMeasures, UnseenEpisode, measure_model, open_loop, prefixes
 from sb3_hucrl.diagnosis.search import CriticMeasures, SearchMeasures, measure_search
 from sb3_hucrl.diagnosis.setup import Replay, Setup
-from sb3_hucrl.diagnosis.units import Units
 from sb3_hucrl.diagnosis.verdict import Level
 from sb3_hucrl.diagnosis.verdicts import (
     judge_actions,
@@ -37,6 +36,8 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_promises,
 )
 from sb3_hucrl.imagination import Limits
+from sb3_hucrl.imagination.accuracy import one_step
+from sb3_hucrl.imagination.units import Units
 from sb3_hucrl.loop import ImaginedEpisode, PromisedReturn
 from sb3_hucrl.tasks import PendulumTask
 from sb3_hucrl.zoo.runs import ZooRun

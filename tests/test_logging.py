@@ -1,4 +1,4 @@
-"""What is printed and written of a training: one table or row for each real episode."""
+"""What is written of a training: one table or row for each refit, and pictures."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import load_results
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac
-from sb3_hucrl import ImaginationVecEnv
+from helpers import ENV_ID, imagination_env, random_transitions, small_callback, small_sac, state_of
+from sb3_hucrl import ImaginationVecEnv, plots
+from sb3_hucrl.sb3 import logging
 
 #: what SB3 records for an algorithm that trains for two real episodes after the random one
 RECORDED = {
@@ -54,6 +55,48 @@ def test_logs_to_tensorboard_too(tmp_path: Path) -> None:
     assert [event.value for event in events.Scalars("real/episode")] == [1, 2, 3]
     assert len(events.Scalars("dynamics/calibration_error_1")) == 3
     assert len(events.Images("dynamics/reliability")) == 3
+    assert "imagined/episode" not in events.Tags()["images"]
+
+
+@pytest.mark.parametrize(("real_envs", "pictured", "expected"), [(1, [10, 20], [900, 1900]), (3, [10, 22], [300, 700])])
+def test_every_tenth_real_episode_is_a_picture_in_tensorboard(
+    real_envs: int, pictured: list[int], expected: list[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    drawn: list[tuple[Any, ...]] = []
+
+    def episode_figure(*given: Any) -> Any:
+        drawn.append(given)
+        return plots.episode_figure(*given)
+
+    monkeypatch.setattr(logging, "episode_figure", episode_figure)
+    model = small_sac(imagination_env(max_episode_steps=10))
+    model.set_logger(configure(str(tmp_path), ["tensorboard", "csv", "json", "log"]))
+    model.learn(expected[-1], callback=small_callback(imagined_steps=100, real_envs=real_envs))
+    images = event_accumulator.EventAccumulator(str(tmp_path)).Reload().Images("imagined/episode")
+    assert [image.step for image in images] == expected
+    assert all(image.encoded_image_string.startswith(b"\x89PNG") for image in images)
+    episodes = state_of(model).dataset.episodes
+    for number, (real, imagined, title) in zip(pictured, drawn, strict=True):
+        assert title == f"real episode {number}"
+        assert real.states.equal(episodes[number - 1].states)
+        # Both begin in the pendulum's only initial state.
+        assert imagined.states[0].equal(real.states[0])
+        assert len(imagined) == 10
+
+
+def test_a_picture_of_an_episode_shows_returns_actions_and_states() -> None:
+    real, imagined = random_transitions(30, seed=0), random_transitions(20, seed=1)
+    figure = plots.episode_figure(real, imagined, "real episode 10")
+    panels = {axis.get_title(): axis for axis in figure.axes}
+    assert [*panels] == ["return so far", "action 0", "state 0", "state 1"]
+    for name, expected in {"action 0": "actions", "state 1": "states"}.items():
+        drawn = [line.get_ydata() for line in panels[name].lines]
+        for values, episode in zip(drawn, (real, imagined), strict=True):
+            np.testing.assert_array_equal(values, getattr(episode, expected)[:, -1])
+    totals = [float(np.asarray(line.get_ydata())[-1]) for line in panels["return so far"].lines]
+    assert totals == pytest.approx([float(each.rewards.sum()) for each in (real, imagined)], rel=1e-4)
+    assert figure.get_suptitle() == f"real episode 10: return real {totals[0]:.1f}, imagined {totals[1]:.1f}"
 
 
 @pytest.mark.parametrize("algorithm", RECORDED)
@@ -71,8 +114,8 @@ def test_one_row_for_each_real_episode_with_what_sb3_recorded(algorithm: Any, tm
     assert "dump" not in vars(logger)
 
 
-def test_a_script_prints_one_table_for_each_real_episode(capsys: pytest.CaptureFixture[str]) -> None:
-    small_sac(verbose=1).learn(160, callback=small_callback())
+def test_a_verbose_script_prints_one_table_for_each_real_episode(capsys: pytest.CaptureFixture[str]) -> None:
+    small_sac(verbose=2).learn(160, callback=small_callback())
     printed = capsys.readouterr().out
     assert printed.count("|    episode ") == 3
     assert printed.count("|    fps ") == 2

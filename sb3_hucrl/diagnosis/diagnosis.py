@@ -11,7 +11,6 @@ from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, compare_returns
 from sb3_hucrl.diagnosis.model import ModelMeasures, measure_model
 from sb3_hucrl.diagnosis.search import SearchMeasures, measure_search
 from sb3_hucrl.diagnosis.setup import Setup, setup_of
-from sb3_hucrl.diagnosis.units import Units
 from sb3_hucrl.diagnosis.verdict import Level, Verdict
 from sb3_hucrl.diagnosis.verdicts import (
     ENOUGH_EPISODES,
@@ -27,6 +26,7 @@ from sb3_hucrl.diagnosis.verdicts import (
     judge_promises,
 )
 from sb3_hucrl.dynamics import DynamicsModel
+from sb3_hucrl.imagination.units import Units
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.zoo.runs import ZooRun
 

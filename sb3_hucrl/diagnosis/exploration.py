@@ -9,7 +9,7 @@ import numpy.typing as npt
 import torch as th
 
 from sb3_hucrl.data import TransitionDataset
-from sb3_hucrl.diagnosis.units import Units
+from sb3_hucrl.imagination.units import Units
 
 #: cells of the grid in each direction
 CELLS = 20

@@ -8,8 +8,8 @@ import numpy as np
 import torch as th
 
 from sb3_hucrl.data import Transitions
-from sb3_hucrl.diagnosis.units import Units
 from sb3_hucrl.imagination import BatchActor, World
+from sb3_hucrl.imagination.units import Units
 from sb3_hucrl.loop import HUCRLState, PromisedReturn
 
 #: imagined in parallel
@@ -143,8 +143,7 @@ def _excess(states: th.Tensor, real: Transitions, units: Units) -> th.Tensor:
 @th.no_grad()
 def _uncertainty(state: HUCRLState, states: th.Tensor, actions: th.Tensor, units: Units) -> float:
     model, real = state.dynamics, state.dataset.transitions
-    changes = units.difference(units.predicted(real.next_states), units.predicted(real.states))
     # Of the whole model, even where a posterior sample is imagined, which has no epistemic part.
     std = model.predict(units.predicted(states).to(model.device), actions.to(model.device)).epistemic_std.cpu()
-    ratio = (std / units.spread(changes)).mean(dim=0)
+    ratio = (std / units.change(real)).mean(dim=0)
     return 0.0 if ratio.isnan().all() else float(ratio.nanmedian())

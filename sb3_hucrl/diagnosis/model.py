@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import torch as th
 
 from sb3_hucrl.data import Transitions
-from sb3_hucrl.diagnosis.units import Units
 from sb3_hucrl.dynamics import Predictor
+from sb3_hucrl.imagination.accuracy import one_step
+from sb3_hucrl.imagination.units import Units
 
 #: refits take time: so many copies of the model are fitted at most
 MAX_REFITS = 5
@@ -73,14 +74,6 @@ class ModelMeasures:
         return self.unseen[-1] if self.unseen else None
 
 
-def middle(r2: th.Tensor) -> float:
-    """
-    :param r2: of each dimension, NaN where nothing changes
-    :return: median over the others, 1 if there are none
-    """
-    return 1.0 if r2.isnan().all() else float(r2.nanmedian())
-
-
 def worst(r2: th.Tensor) -> int:
     """
     :param r2: of each dimension, NaN where nothing changes
@@ -110,36 +103,13 @@ def measure_model(
     :param horizon: steps that imagination lasts
     """
     every = Transitions.concatenate(episodes)
-    changes = units.difference(units.predicted(every.next_states), units.predicted(every.states))
-    change, spread = units.spread(changes), units.spread(units.observed(every.states))
+    change, spread = units.change(every), units.spread(units.observed(every.states))
     unseen = []
     for known in prefixes(len(episodes)):
         copy, episode = refit(known), episodes[known]
         r2, coverage = one_step(copy, episode, units, change)
         unseen.append(UnseenEpisode(known, r2, coverage, open_loop(copy, episode, units, spread, horizon)))
     return ModelMeasures(unseen, one_step(model, every, units, change)[0], units.names)
-
-
-@th.no_grad()
-def one_step(
-    model: Predictor, transitions: Transitions, units: Units, change: th.Tensor
-) -> tuple[th.Tensor, tuple[float, float]]:
-    """
-    :param model: fitted
-    :param transitions: real ones
-    :param units: of states
-    :param change: standard deviation of the change in one step, over all real steps; NaN where nothing changes.
-        An episode in which nothing happens has no spread of its own to compare errors with
-    :return: R² of each dimension, and coverage of 1 and 2 standard deviations over the dimensions that change
-    """
-    prediction = model.predict(
-        units.predicted(transitions.states).to(model.device), transitions.actions.to(model.device)
-    )
-    error = units.difference(units.predicted(transitions.next_states), prediction.mean.cpu())
-    r2 = 1 - error.square().mean(dim=0) / change.square()
-    std, changing = prediction.predictive_std.cpu(), ~change.isnan()
-    within = [float((error.abs() <= k * std)[:, changing].float().mean()) for k in (1, 2)]
-    return r2, (within[0], within[1])
 
 
 @th.no_grad()

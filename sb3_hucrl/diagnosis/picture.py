@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sb3_hucrl.diagnosis.diagnosis import Diagnosis
-from sb3_hucrl.diagnosis.model import TRUSTED_ERROR, middle
+from sb3_hucrl.diagnosis.model import TRUSTED_ERROR
+from sb3_hucrl.imagination.accuracy import middle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

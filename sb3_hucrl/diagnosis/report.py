@@ -11,9 +11,10 @@ from rich.text import Text
 
 from sb3_hucrl.diagnosis.diagnosis import Diagnosis
 from sb3_hucrl.diagnosis.imagination import ImaginationMeasures
-from sb3_hucrl.diagnosis.model import STEPS, ModelMeasures, middle, worst
+from sb3_hucrl.diagnosis.model import STEPS, ModelMeasures, worst
 from sb3_hucrl.diagnosis.search import SearchMeasures
 from sb3_hucrl.diagnosis.verdict import Level, Verdict
+from sb3_hucrl.imagination.accuracy import middle
 
 COLOURS = {Level.FINE: "green", Level.NOTE: "yellow", Level.CAUSE: "red"}
 #: columns of tables with one column for each real episode

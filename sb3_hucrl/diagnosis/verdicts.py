@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures
 from sb3_hucrl.diagnosis.imagination import LATEST, ImaginationMeasures
-from sb3_hucrl.diagnosis.model import ModelMeasures, middle, worst
+from sb3_hucrl.diagnosis.model import ModelMeasures, worst
 from sb3_hucrl.diagnosis.search import SearchMeasures
 from sb3_hucrl.diagnosis.setup import (
     Setup,
@@ -17,9 +17,8 @@ from sb3_hucrl.diagnosis.setup import (
     stronger_model,
 )
 from sb3_hucrl.diagnosis.verdict import Level, Verdict
+from sb3_hucrl.imagination.accuracy import POOR_R2, middle
 
-#: one-step R² below which a model has not learned the dynamics
-POOR_R2 = 0.7
 #: fraction of the errors within 2 standard deviations below which a model is overconfident (0.95 is right)
 OVERCONFIDENT = 0.8
 #: fraction of the errors within 1 standard deviation above which a model is too careful (0.68 is right)

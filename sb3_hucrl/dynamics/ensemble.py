@@ -16,7 +16,7 @@ from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import Predictor
 from sb3_hucrl.dynamics.delta import DeltaModel, Moments, SampledModel
 from sb3_hucrl.dynamics.networks import BatchedNetworks
-from sb3_hucrl.progress import progress_bar
+from sb3_hucrl.progress import begin_phase
 
 # Bounds of the noise variance of a standardised target: its noise std is 0.7 % to 160 % of its own std.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
@@ -164,15 +164,15 @@ class Ensemble(DeltaModel):
             len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
         ).to(self.device)
         losses = th.zeros(self.gradient_steps)
-        with progress_bar(self.gradient_steps, "dynamics fit") as bar:
-            for step, batch in enumerate(batches):
-                residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
-                loss = (weights[member, batch] * residuals).mean(dim=1).sum()
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                losses[step] = loss.detach()
-                bar.update()
+        advance = begin_phase("fit", self.gradient_steps)
+        for step, batch in enumerate(batches):
+            residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
+            loss = (weights[member, batch] * residuals).mean(dim=1).sum()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            losses[step] = loss.detach()
+            advance(1)
         # Whoever differentiates predictions does so by states and actions.
         self.requires_grad_(False)
         train_loss = float(losses[-max(1, self.gradient_steps // 10) :].mean()) / self.num_members

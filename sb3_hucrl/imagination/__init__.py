@@ -1,5 +1,6 @@
 """The learned world: what is imagined, from where, and how far the model is trusted."""
 
+from sb3_hucrl.imagination.accuracy import unseen_r2
 from sb3_hucrl.imagination.episodes import Array, BatchActor, imagine_episode, imagined_return
 from sb3_hucrl.imagination.horizon import trusted_horizon
 from sb3_hucrl.imagination.limits import Limits
@@ -29,4 +30,5 @@ __all__ = [
     "imagined_return",
     "roll_out",
     "trusted_horizon",
+    "unseen_r2",
 ]

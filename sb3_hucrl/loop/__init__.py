@@ -4,9 +4,10 @@ from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.asked import Asked, AskedPolicy, FoundPolicy
 from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.lines import EpisodeLines
 from sb3_hucrl.loop.loop import JUDGED, Loop
 from sb3_hucrl.loop.problem import Problem
-from sb3_hucrl.loop.report import Report
+from sb3_hucrl.loop.report import PlayedEpisode, Report
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import ModelSettings, RealSettings, SearchSettings, Settings
@@ -19,12 +20,14 @@ __all__ = [
     "Asked",
     "AskedPolicy",
     "Episode",
+    "EpisodeLines",
     "FoundPolicy",
     "HUCRLState",
     "ImaginedEpisode",
     "Loop",
     "ModelSettings",
     "ParallelSystems",
+    "PlayedEpisode",
     "Problem",
     "PromisedReturn",
     "RealSettings",

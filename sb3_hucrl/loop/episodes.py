@@ -16,7 +16,7 @@ from sb3_hucrl.imagination.finite import first_not_finite
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.systems import Outcome, RealSystems
-from sb3_hucrl.progress import progress_bar
+from sb3_hucrl.progress import begin_phase
 
 #: how far beyond its limits an action may lie, as a fraction of their distance
 ACTION_ROUNDING = 1e-5
@@ -44,13 +44,15 @@ class Round:
         count = len(systems) if num_episodes is None else num_episodes
         self._systems, self._action_space = systems, problem.action_space
         self._episodes = [EpisodeRecorder(f"environment {index}", problem, reality) for index in range(count)]
+        self._longest = problem.episode_length
 
-    def play(self, act: BatchActor) -> list[Transitions]:
+    def play(self, act: BatchActor, label: str = "real episode") -> list[Transitions]:
         """
         Play it, once.
 
         :param act: chooses the actions of all copies, once for each step. The batch keeps its size, because recurrent
             policies and planners remember something for each row; actions for an episode that is over are dropped
+        :param label: of the progress bar
         :return: the episodes, in the order of the copies
         :raises ValueError: if an observation, a reward or an action is not finite or of another shape, an action lies
             beyond its limits, or the task disagrees with what happened
@@ -59,15 +61,15 @@ class Round:
         for episode, observation in zip(episodes, self._systems.reset(range(len(episodes))), strict=True):
             episode.begin(observation)
         first = np.ones(len(episodes), dtype=np.bool_)
-        with progress_bar(None, "real episode") as bar:
-            while running := [index for index, episode in enumerate(episodes) if episode.transitions is None]:
-                actions = act(np.stack([episode.observation for episode in episodes]), first)
-                require_actions(actions, len(episodes), self._action_space)
-                outcomes = self._systems.step(running, actions[running])
-                for index, outcome in zip(running, outcomes, strict=True):
-                    episodes[index].record(actions[index], outcome)
-                first = np.zeros_like(first)
-                bar.update(len(running))
+        advance = begin_phase(label, self._longest)
+        while running := [index for index, episode in enumerate(episodes) if episode.transitions is None]:
+            actions = act(np.stack([episode.observation for episode in episodes]), first)
+            require_actions(actions, len(episodes), self._action_space)
+            outcomes = self._systems.step(running, actions[running])
+            for index, outcome in zip(running, outcomes, strict=True):
+                episodes[index].record(actions[index], outcome)
+            first = np.zeros_like(first)
+            advance(1)
         return self.finished()
 
     def finished(self) -> list[Transitions]:

@@ -30,7 +30,7 @@ from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.plan import Plan
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
-from sb3_hucrl.loop.report import Report
+from sb3_hucrl.loop.report import Report, scalars_of, unseen_episodes
 from sb3_hucrl.loop.schedule import HorizonSchedule
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
@@ -38,6 +38,7 @@ from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
 from sb3_hucrl.loop.systems import RealSystem, RealSystems, require_systems
 from sb3_hucrl.loop.told import Episode, read_episode, same_transitions
+from sb3_hucrl.progress import begin_phase
 from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
@@ -320,7 +321,7 @@ class Loop:
         transitions = read_episode(episode, self.problem, self._reality if index is None else None)
         if index is None:
             promised = asked.open.get(episode.policy_id)
-            self._imagined = promised and ImaginedEpisode(self.state.real_episodes + 1, promised)
+            self._imagined = None if promised is None else ImaginedEpisode(self.state.real_episodes + 1, promised)
             asked.told[episode.policy_id] = len(dataset.lengths)
             self._remember([transitions])
             self._imagined = None
@@ -358,7 +359,7 @@ class Loop:
         started = time.perf_counter()
         playing = Round(self._systems, self.problem, self.settings.real.real_envs, self._reality)
         try:
-            return playing.play(act)
+            return playing.play(act, "real episode" if self.state.fitted_steps else "random episode")
         finally:
             if finished := playing.finished():
                 self._remember(finished)
@@ -383,15 +384,18 @@ class Loop:
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
+        episodes = unseen_episodes(state, self.problem.task)
+        self._scalars.update(scalars_of(episodes))
         fit = self._fit()
         state.new_steps = self._plan.unseen_steps
         state.fitted_steps = len(state.dataset)
         self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
-        self._on_refit(Report(self._scalars, fit))
+        self._on_refit(Report(self._scalars, fit, episodes))
         self._scalars, self._rollout_seconds = {}, 0.0
 
     def _fit(self) -> FitReport:
+        begin_phase("fit")
         # A search that needs no gradients, such as ARS, may have switched them off.
         with th.enable_grad():
             return self.state.dynamics.fit(self.state.dataset, self.state.generator)

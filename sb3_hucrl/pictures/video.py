@@ -13,7 +13,7 @@ import numpy.typing as npt
 import torch as th
 
 from sb3_hucrl.imagination import BatchActor
-from sb3_hucrl.progress import progress_bar
+from sb3_hucrl.progress import PhaseBar
 from sb3_hucrl.sb3 import policy_actor
 from sb3_hucrl.wrappers import LearnedModelEnv
 from sb3_hucrl.zoo.runs import ZooRun
@@ -45,9 +45,10 @@ def record_video(run: ZooRun, video: Path, every: int, seed: int) -> bool:
     if shown:
         columns["imagined"] = imagined_frames(run, seed)
     frames = []
-    with progress_bar(None, "frame") as bar:
+    with PhaseBar() as bar:
+        bar.begin("frames", None)
         for number, row in enumerate(zip(*columns.values(), strict=False)):
-            bar.update()
+            bar.advance()
             if number % every == 0:
                 titled = [
                     _titled(frame, f"{name}: {total:.1f}") for name, (frame, total) in zip(columns, row, strict=True)

@@ -2,6 +2,7 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.asking import begin_logger, search_policy
+from sb3_hucrl.sb3.bar import TrainingBar
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
@@ -25,6 +26,7 @@ __all__ = [
     "SB3Policy",
     "SB3Search",
     "SingleEnv",
+    "TrainingBar",
     "TrainingLog",
     "attach_state",
     "begin_logger",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import (
@@ -16,15 +17,23 @@ from stable_baselines3.common.logger import (
     filter_excluded_keys,
 )
 
-from sb3_hucrl.dynamics.calibration import Calibration
-from sb3_hucrl.loop import Report
-from sb3_hucrl.plots import reliability_figure
+from sb3_hucrl.loop import EpisodeLines, HUCRLState, ImaginedEpisode, Report
+from sb3_hucrl.plots import episode_figure, reliability_figure
+from sb3_hucrl.sb3.bar import TrainingBar
 from sb3_hucrl.sb3.curve import carried_lines, line_of, plain
 from sb3_hucrl.sb3.dumps import HeldDumps
+from sb3_hucrl.sb3.quiet import PrintedTables, choose_verbosity
 from sb3_hucrl.sb3.saved import read_row
+from sb3_hucrl.sb3.search import SB3Search
+from sb3_hucrl.sb3.state import get_state
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 #: outputs in which a value per state dimension would hide the rest
 TERSE = ("stdout", "log")
+#: real episodes from one picture to the next
+EVERY = 10
 
 
 class CurveOutput(KVWriter):
@@ -57,33 +66,55 @@ class CurveOutput(KVWriter):
 
 class TrainingLog:
     """
-    What is written of a training: one row, or table, for each real episode, with the latest that the algorithm itself
-    recorded. It goes to the outputs of the algorithm's logger, into the curve that the algorithm carries, and to
-    ``progress.csv`` if there is a folder for it.
+    What is written of a training: one row for each refit, with the latest that the algorithm itself recorded, and one
+    line on the console for each real episode. Rows go to the outputs of the algorithm's logger, into the curve that the
+    algorithm carries, and to ``progress.csv`` if there is a folder for it.
     """
 
-    def begin(self, model: BaseAlgorithm, folder: str | Path | None, held: Callable[[], bool]) -> None:
+    def __init__(self) -> None:
+        self._on_end = ExitStack()
+
+    def begin(
+        self,
+        model: BaseAlgorithm,
+        search: SB3Search,
+        folder: str | Path | None,
+        verbose: int | None,
+        bar: TrainingBar | None = None,
+    ) -> None:
         """
-        :param model: in training
+        :param model: algorithm that searches
+        :param search: by it
         :param folder: for ``progress.csv``; it is made if it does not exist. None for no such file
-        :param held: whether to hold back what the algorithm itself would write, see :class:`HeldDumps`
+        :param verbose: 0 prints nothing, 1 a line for each real episode, 2 the table of all that is logged; None as
+            :func:`sb3_hucrl.sb3.quiet.choose_verbosity` says
+        :param bar: of the training, to be closed with it
         """
         self._model = model
+        printed = choose_verbosity(model, verbose)
+        self._lines = EpisodeLines() if printed == 1 else None
         # An interrupted training has left its own here.
         self._remove_output()
+        self._on_end.callback(self._remove_output)
         model.logger.output_formats.append(CurveOutput(carried_lines(model)["progress"], folder))
-        self._dumps = HeldDumps(model.logger, held)
+        self._on_end.callback(PrintedTables(model.logger, printed, search.imagines).restore)
+        self._on_end.callback(HeldDumps(model.logger, search.imagines).release)
+        if bar is not None:
+            self._on_end.callback(bar.close)
 
     def record(self, report: Report) -> None:
         """
         :param report: of the loop, to be written
         """
-        record(self._model.logger, report, self._model.num_timesteps)
+        state = get_state(self._model)
+        assert state is not None  # as the loop was made for this algorithm
+        record(self._model.logger, report, state, self._model.num_timesteps)
+        if self._lines is not None:
+            self._lines.print(report)
 
     def end(self) -> None:
         """Leave the logger as it was. A second call changes nothing."""
-        self._dumps.release()
-        self._remove_output()
+        self._on_end.close()
 
     def _remove_output(self) -> None:
         outputs = self._model.logger.output_formats
@@ -92,13 +123,14 @@ class TrainingLog:
             outputs.remove(output)
 
 
-def record(logger: Logger, report: Report, num_timesteps: int) -> None:
+def record(logger: Logger, report: Report, state: HUCRLState, num_timesteps: int) -> None:
     """
-    Log a report: means over state dimensions everywhere, single dimensions in CSV, JSON and TensorBoard, and the
-    reliability diagram as a picture in TensorBoard.
+    Log a report: means over state dimensions everywhere, single dimensions in CSV, JSON and TensorBoard. Pictures are
+    for TensorBoard: the reliability diagram, and every tenth real episode beside its imagined one.
 
     :param logger: of the algorithm
     :param report: of the loop
+    :param state: of the run
     :param num_timesteps: imagined steps so far
     """
     for name, value in report.scalars.items():
@@ -112,11 +144,29 @@ def record(logger: Logger, report: Report, num_timesteps: int) -> None:
         logger.record(f"dynamics/calibration_error_{dim}", float(calibration.error[dim]), exclude=TERSE)
         logger.record(f"dynamics/std_scale_{dim}", float(calibration.scale[dim]), exclude=TERSE)
     if any(isinstance(output, TensorBoardOutputFormat) for output in logger.output_formats):
-        _record_figure(logger, calibration)
+        _record_figure(logger, "dynamics/reliability", reliability_figure({"held out": fit.calibration.coverage}))
+        pictured = pictured_episode(state, len(report.episodes))
+        if pictured is not None:
+            title = f"real episode {pictured.real_episode}"
+            real = state.dataset.episodes[pictured.real_episode - 1]
+            _record_figure(logger, "imagined/episode", episode_figure(real, pictured.transitions, title))
     logger.record("time/total_timesteps", num_timesteps, exclude="tensorboard")
     logger.dump(num_timesteps)
 
 
-def _record_figure(logger: Logger, calibration: Calibration) -> None:
-    figure = Figure(reliability_figure({"held out": calibration.coverage}), close=True)
-    logger.record("dynamics/reliability", figure, exclude=(*TERSE, "json", "csv"))
+def pictured_episode(state: HUCRLState, played: int) -> ImaginedEpisode | None:
+    """
+    :param state: of a run
+    :param played: number of the latest real episodes among which to choose
+    :return: the imagined one beside which to draw a real episode: the first from each tenth on that has one, as of
+        several that are played at once one alone is imagined; None where none is due
+    """
+    numbers = [0, *(each.real_episode for each in state.promised_returns)]
+    due = {number for before, number in itertools.pairwise(numbers) if number // EVERY > before // EVERY}
+    oldest = state.real_episodes - played + 1
+    found = [each for each in state.imagined_episodes if each.real_episode in due and each.real_episode >= oldest]
+    return found[-1] if found else None
+
+
+def _record_figure(logger: Logger, name: str, figure: MatplotlibFigure) -> None:
+    logger.record(name, Figure(figure, close=True), exclude=(*TERSE, "json", "csv"))

@@ -11,6 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_hucrl.loop import HUCRLState, Loop, Report, Settings
 from sb3_hucrl.sb3.curve import carried_lines, monitor_recorder, plain
 from sb3_hucrl.sb3.normalization import carry_normalization
+from sb3_hucrl.sb3.quiet import choose_verbosity
 from sb3_hucrl.sb3.stack import read_problem, read_spec, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
 from sb3_hucrl.tasks import LearnedReward
@@ -23,7 +24,7 @@ def make_loop(
     settings: Settings,
     on_episode: Callable[[], None],
     on_refit: Callable[[Report], None],
-    verbose: int,
+    verbose: int | None,
     told: bool = False,
 ) -> Loop:
     """
@@ -34,7 +35,7 @@ def make_loop(
     :param settings: of the loop
     :param on_episode: called after each real episode, or each round of those played at once
     :param on_refit: called with a report after each refit
-    :param verbose: 1 prints what is resumed
+    :param verbose: 1 prints what is resumed; None as :func:`sb3_hucrl.sb3.quiet.choose_verbosity` says
     :param told: whether real episodes are played elsewhere, and told
     :raises ValueError: if environment, settings and what the algorithm carries do not fit together
     """
@@ -62,7 +63,7 @@ def make_loop(
     loop.state.search_start = model.num_timesteps if begun is None else min(begun, model.num_timesteps)
     if carried is None:
         attach_state(model, loop.state)
-    elif verbose > 0:
+    elif choose_verbosity(model, verbose) > 0:
         kept = f"{carried.real_episodes} real episodes, {len(carried.dataset)} real steps"
         print(f"Resuming with {kept}; what follows differs from a run that was not interrupted")
     return loop

@@ -24,19 +24,26 @@ def require_place(callback: BaseCallback, kind: type[BaseCallback]) -> None:
             f"{kind.__name__} is inside {event}, which calls it only now and then, so that it could play no real "
             f"episode: put it beside, callback=[{kind.__name__}(), {event}(...)]"
         )
+    beside = all_callbacks(callback)
+    count = sum(isinstance(each, kind) for each in beside)
+    if count > 1:
+        raise ValueError(
+            f"there are {count} {kind.__name__}s in this training, and each would play real episodes and "
+            "replace what the other imagines: give learn() one of them"
+        )
+    for each in beside:
+        if isinstance(each, EvalCallback):
+            _require_own_environment(each)
+
+
+def all_callbacks(callback: BaseCallback) -> list[BaseCallback]:
+    """
+    :param callback: in training
+    :return: those of the training, itself included, in the order in which SB3 calls them
+    """
     # Which of the variables of learn() holds all callbacks differs between algorithms.
-    for value in callback.locals.values():
-        if isinstance(value, BaseCallback):
-            beside = list(_all_within(value))
-            count = sum(isinstance(each, kind) for each in beside)
-            if count > 1:
-                raise ValueError(
-                    f"there are {count} {kind.__name__}s in this training, and each would play real episodes and "
-                    "replace what the other imagines: give learn() one of them"
-                )
-            for each in beside:
-                if isinstance(each, EvalCallback):
-                    _require_own_environment(each)
+    held = {id(value): value for value in callback.locals.values() if isinstance(value, BaseCallback)}
+    return [each for value in held.values() for each in _all_within(value)]
 
 
 def _require_own_environment(evaluation: EvalCallback) -> None:

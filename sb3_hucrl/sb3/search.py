@@ -91,6 +91,12 @@ class SB3Search:
         model._last_obs = env.reset()  # type: ignore[assignment]  # typed without dictionary observations
         model._last_episode_starts = np.ones((env.num_envs,), dtype=bool)
 
+    def imagines(self) -> bool:
+        """
+        :return: whether the environments are imagined now
+        """
+        return self._env.trajectories is not None
+
     @property
     def steps(self) -> int:
         """Timesteps so far, those before an interruption included."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.data import Transitions
 from sb3_hucrl.dynamics.encoding import StateFeatures
-from sb3_hucrl.tasks import Task
+from sb3_hucrl.tasks.base import Task
 
 #: a dimension with less spread than this is constant
 CONSTANT = 1e-6
@@ -61,6 +62,13 @@ class Units:
             deviation[:, dim] = th.remainder(angle - around + th.pi, 2 * th.pi) - th.pi
         std = deviation.square().mean(dim=0).sqrt()
         return th.where(std > CONSTANT, std, th.nan)
+
+    def change(self, transitions: Transitions) -> th.Tensor:
+        """
+        :param transitions: n real ones
+        :return: standard deviation of the change in one step, NaN where nothing changes, shape (p,)
+        """
+        return self.spread(self.difference(self.predicted(transitions.next_states), self.predicted(transitions.states)))
 
     def features(self, states: th.Tensor) -> th.Tensor:
         """
