@@ -25,7 +25,6 @@ from sb3_hucrl.sb3.dumps import HeldDumps
 from sb3_hucrl.sb3.quiet import PrintedTables, choose_verbosity
 from sb3_hucrl.sb3.saved import read_row
 from sb3_hucrl.sb3.search import SB3Search
-from sb3_hucrl.sb3.state import get_state
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -90,7 +89,9 @@ class TrainingLog:
         :param verbose: 0 prints nothing, 1 a line for each real episode, 2 the table of all that is logged; None as
             :func:`sb3_hucrl.sb3.quiet.choose_verbosity` says
         """
-        self._model = model = callback.model
+        self._on_end.close()
+        self._model, self._loop = callback.model, loop
+        model = callback.model
         printed = choose_verbosity(model, verbose)
         self._lines = EpisodeLines() if printed == 1 else None
         # An interrupted training has left its own here.
@@ -105,9 +106,7 @@ class TrainingLog:
         """
         :param report: of the loop, to be written
         """
-        state = get_state(self._model)
-        assert state is not None  # as the loop was made for this algorithm
-        record(self._model.logger, report, state, self._model.num_timesteps)
+        record(self._model.logger, report, self._loop, self._model.num_timesteps)
         if self._lines is not None:
             self._lines.print(report)
 
@@ -122,14 +121,14 @@ class TrainingLog:
             outputs.remove(output)
 
 
-def record(logger: Logger, report: Report, state: HUCRLState, num_timesteps: int) -> None:
+def record(logger: Logger, report: Report, loop: Loop, num_timesteps: int) -> None:
     """
     Log a report: means over state dimensions everywhere, single dimensions in CSV, JSON and TensorBoard. Pictures are
     for TensorBoard: the reliability diagram, and every tenth real episode beside its imagined one.
 
     :param logger: of the algorithm
     :param report: of the loop
-    :param state: of the run
+    :param loop: that reports
     :param num_timesteps: imagined steps so far
     """
     for name, value in report.scalars.items():
@@ -144,11 +143,11 @@ def record(logger: Logger, report: Report, state: HUCRLState, num_timesteps: int
         logger.record(f"dynamics/std_scale_{dim}", float(calibration.scale[dim]), exclude=TERSE)
     if any(isinstance(output, TensorBoardOutputFormat) for output in logger.output_formats):
         _record_figure(logger, "dynamics/reliability", reliability_figure({"held out": fit.calibration.coverage}))
-        pictured = pictured_episode(state, len(report.episodes))
+        pictured = pictured_episode(loop.state, len(report.episodes))
         if pictured is not None:
-            title = f"real episode {pictured.real_episode}"
-            real = state.dataset.episodes[pictured.real_episode - 1]
-            _record_figure(logger, "imagined/episode", episode_figure(real, pictured.transitions, title))
+            real = loop.state.dataset.episodes[pictured.real_episode - 1]
+            title, angles = f"real episode {pictured.real_episode}", loop.problem.task.angle_dims
+            _record_figure(logger, "imagined/episode", episode_figure(real, pictured.transitions, title, angles))
     logger.record("time/total_timesteps", num_timesteps, exclude="tensorboard")
     logger.dump(num_timesteps)
 
