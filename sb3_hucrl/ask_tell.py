@@ -59,7 +59,7 @@ class AskTell:
         )
         self._search = make_search(model, self._env, self._loop)
         self._file, self._log = Checkpoint(model, callback.checkpoint), TrainingLog()
-        self._log.begin(model, self._search, callback.log_dir, callback.given_verbose)
+        self._log.begin(model, self._loop, self._search, callback.log_dir, callback.given_verbose)
 
     @property
     def finished(self) -> bool:

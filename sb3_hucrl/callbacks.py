@@ -111,7 +111,7 @@ class HUCRLCallback(BaseCallback):
         self._file, self._search = Checkpoint(model, self.checkpoint), make_search(model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)
         bar = TrainingBar(self, self._loop, self._search)
-        self._log.begin(model, self._search, self.log_dir, self.given_verbose, bar)
+        self._log.begin(model, self._loop, self._search, self.log_dir, self.given_verbose, bar)
         self._loop.begin()
         self._start_search()
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
 import torch as th
 
 from sb3_hucrl.data import Transitions
@@ -41,7 +43,7 @@ def reliability_figure(coverage: Mapping[str, th.Tensor], title: str = "") -> Fi
     return figure
 
 
-def episode_figure(real: Transitions, imagined: Transitions, title: str) -> Figure:
+def episode_figure(real: Transitions, imagined: Transitions, title: str, angle_dims: Sequence[int] = ()) -> Figure:
     """
     A real episode and what was imagined before it, one panel each for the return so far and for every action and state
     dimension, up to :data:`MOST_PANELS`.
@@ -49,10 +51,12 @@ def episode_figure(real: Transitions, imagined: Transitions, title: str) -> Figu
     :param real: episode
     :param imagined: episode, of the same task and with the same policy
     :param title: of the figure
+    :param angle_dims: of the state, drawn without jumps where a turn is complete
     """
     from matplotlib.figure import Figure
 
-    shown = {"real": _series(real), "imagined": _series(imagined)}
+    start = real.states[0].numpy()
+    shown = {"real": _series(real, start, angle_dims), "imagined": _series(imagined, start, angle_dims)}
     names = [*shown["real"]][:MOST_PANELS]
     columns = min(COLUMNS, len(names))
     rows = -(-len(names) // columns)
@@ -75,11 +79,16 @@ def episode_figure(real: Transitions, imagined: Transitions, title: str) -> Figu
     return figure
 
 
-def _series(episode: Transitions) -> dict[str, th.Tensor]:
-    """What is drawn of an episode over its steps, by name."""
-    actions, states = episode.actions.unbind(dim=1), episode.states.unbind(dim=1)
+def _series(
+    episode: Transitions, start: npt.NDArray[np.float32], angle_dims: Sequence[int]
+) -> dict[str, npt.NDArray[np.float32]]:
+    """What is drawn of an episode over its steps, by name; angles begin within half a turn of the start."""
+    states = episode.states.numpy().copy()
+    for dim in angle_dims:
+        states[:, dim] = np.unwrap(states[:, dim])
+        states[:, dim] += 2 * np.pi * np.round((start[dim] - states[0, dim]) / (2 * np.pi))
     return {
-        "return so far": episode.rewards.cumsum(dim=0),
-        **{f"action {index}": values for index, values in enumerate(actions)},
-        **{f"state {index}": values for index, values in enumerate(states)},
+        "return so far": episode.rewards.numpy().cumsum(),
+        **{f"action {index}": values for index, values in enumerate(episode.actions.numpy().T)},
+        **{f"state {index}": values for index, values in enumerate(states.T)},
     }

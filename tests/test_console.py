@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import sys
 from pathlib import Path
@@ -225,6 +226,13 @@ def test_large_numbers_keep_the_columns(capsys: pytest.CaptureFixture[str]) -> N
     assert table["model R²"].tolist()[1:] == [-123457, -np.inf]
     assert table["real"].iloc[0] == 12346
     assert table["search"].iloc[2] == 999.9
+
+
+def test_a_file_without_superscripts_gets_the_lines_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    EpisodeLines().print(report_of(PlayedEpisode(1, 20, 1.0, None, None, 1.0)))
+    assert b"model R? " in written.getvalue()
 
 
 @pytest.mark.parametrize(("r2", "colour"), [(0.95, "32"), (0.8, "33"), (0.5, "31")])

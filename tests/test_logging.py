@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import torch as th
 from sb3_contrib import ARS
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
@@ -77,12 +79,26 @@ def test_every_tenth_real_episode_is_a_picture_in_tensorboard(
     assert [image.step for image in images] == expected
     assert all(image.encoded_image_string.startswith(b"\x89PNG") for image in images)
     episodes = state_of(model).dataset.episodes
-    for number, (real, imagined, title) in zip(pictured, drawn, strict=True):
+    for number, (real, imagined, title, angles) in zip(pictured, drawn, strict=True):
+        assert angles == (0,)
         assert title == f"real episode {number}"
         assert real.states.equal(episodes[number - 1].states)
         # Both begin in the pendulum's only initial state.
         assert imagined.states[0].equal(real.states[0])
         assert len(imagined) == 10
+
+
+def test_a_turn_that_is_complete_is_no_difference_in_a_picture() -> None:
+    turning = th.linspace(3.1, 3.1 + 4 * np.pi, 40)
+    wrapped = (turning + np.pi) % (2 * np.pi) - np.pi
+    still = random_transitions(40)
+    real, imagined = (
+        replace(still, states=th.stack([angle, still.states[:, 1]], dim=1)) for angle in (wrapped, turning - 2 * np.pi)
+    )
+    figure = plots.episode_figure(real, imagined, "a turn", angle_dims=(0,))
+    [panel] = [axis for axis in figure.axes if axis.get_title() == "state 0"]
+    for line in panel.lines:
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), turning.numpy(), atol=1e-4)
 
 
 def test_a_picture_of_an_episode_shows_returns_actions_and_states() -> None:

@@ -80,7 +80,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("zoo")
     output = run(ZOO, *TRAIN, *SMALL, "-P", cwd=folder)
     assert "zoo_hyperparams" in output
-    assert "real/" in output
+    (folder / "printed.txt").write_text(output)
     return folder
 
 
@@ -286,3 +286,37 @@ def test_h_svg_trains_on_a_robot_without_a_hallucinated_action(tmp_path: Path) -
         cwd=tmp_path,
     )
     assert "Episode Reward" in enjoyed
+
+
+def test_what_is_redirected_has_a_line_for_each_real_episode_and_no_control_characters(trained: Path) -> None:
+    printed = (trained / "printed.txt").read_text()
+    lines = [line.split() for line in printed.splitlines() if re.match(r" {6}\d ", line)]
+    progress = pd.read_csv(run_folder(trained) / "progress.csv").dropna(subset=["real/episode"])
+    assert [int(line[0]) for line in lines] == progress["real/episode"].tolist() == [1, 2, 3]
+    assert [float(line[2]) for line in lines] == pytest.approx(progress["real/return"], abs=0.006)
+    assert set(filter(str.isspace, printed)) == {" ", "\n"}
+    assert not set(printed) & set("\x1b\r━")
+    assert "| real/ " not in printed
+
+
+def test_an_on_policy_algorithm_prints_lines_or_tables(tmp_path: Path) -> None:
+    short = ["-n", "640", "-params", "n_envs:4", "n_steps:20", "batch_size:80", "n_epochs:1", *SHORT]
+    for level, lines, tables in ((0, 0, 0), (1, 1, 0), (2, 0, 3)):
+        ppo = ["train", "--algo", "ppo", "--env", ENV_ID, *short, "--verbose", str(level)]
+        output = run(ZOO, *ppo, cwd=tmp_path)
+        assert output.count("model R²") == lines
+        assert output.count("| real/ ") == tables
+        assert output.count("| rollout/ ") == (2 if tables else 0)
+
+
+def test_weights_and_biases_gets_scalars_and_pictures(tmp_path: Path) -> None:
+    pytest.importorskip("wandb")
+    offline = {"WANDB_MODE": "offline", "WANDB_SILENT": "true"}
+    few = ["-n", "640", "-params", "n_envs:4", *SHORT, "hucrl_real_episodes:5"]
+    run(ZOO, *TRAIN, *few, "--track", cwd=tmp_path, **offline)
+    [written] = (tmp_path / "wandb").glob("offline-run-*/run-*.wandb")
+    content = written.read_bytes()
+    for name in (b"real/return", b"dynamics/unseen_r2", b"dynamics/reliability", b"imagined/episode"):
+        assert name in content, name
+    # A reliability diagram after each refit, and the tenth of the eleven real episodes.
+    assert len(list(written.parent.glob("files/media/images/**/*.png"))) == 3 + 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 from rich.console import Console
 from rich.text import Text
 
@@ -51,8 +53,9 @@ class EpisodeLines:
         with console.capture() as text:
             for line in lines:
                 console.print(line, soft_wrap=True)
-        # A progress bar gives way to what is printed, but not to what another Console writes.
-        print(text.get(), end="", flush=True)
+        # A progress bar gives way to what is printed, not to what another Console writes. Not every file can hold ².
+        encoding = sys.stdout.encoding or "utf-8"
+        print(text.get().encode(encoding, "replace").decode(encoding), end="", flush=True)
 
 
 def _line(cells: list[str], styles: list[str]) -> Text:

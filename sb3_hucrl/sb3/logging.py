@@ -17,7 +17,7 @@ from stable_baselines3.common.logger import (
     filter_excluded_keys,
 )
 
-from sb3_hucrl.loop import EpisodeLines, HUCRLState, ImaginedEpisode, Report
+from sb3_hucrl.loop import EpisodeLines, HUCRLState, ImaginedEpisode, Loop, Report
 from sb3_hucrl.plots import episode_figure, reliability_figure
 from sb3_hucrl.sb3.bar import TrainingBar
 from sb3_hucrl.sb3.curve import carried_lines, line_of, plain
@@ -25,7 +25,6 @@ from sb3_hucrl.sb3.dumps import HeldDumps
 from sb3_hucrl.sb3.quiet import PrintedTables, choose_verbosity
 from sb3_hucrl.sb3.saved import read_row
 from sb3_hucrl.sb3.search import SB3Search
-from sb3_hucrl.sb3.state import get_state
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -77,6 +76,7 @@ class TrainingLog:
     def begin(
         self,
         model: BaseAlgorithm,
+        loop: Loop,
         search: SB3Search,
         folder: str | Path | None,
         verbose: int | None,
@@ -84,13 +84,15 @@ class TrainingLog:
     ) -> None:
         """
         :param model: algorithm that searches
-        :param search: by it
+        :param loop: that reports
+        :param search: by the algorithm
         :param folder: for ``progress.csv``; it is made if it does not exist. None for no such file
         :param verbose: 0 prints nothing, 1 a line for each real episode, 2 the table of all that is logged; None as
             :func:`sb3_hucrl.sb3.quiet.choose_verbosity` says
         :param bar: of the training, to be closed with it
         """
-        self._model = model
+        self._on_end.close()
+        self._model, self._loop = model, loop
         printed = choose_verbosity(model, verbose)
         self._lines = EpisodeLines() if printed == 1 else None
         # An interrupted training has left its own here.
@@ -106,9 +108,7 @@ class TrainingLog:
         """
         :param report: of the loop, to be written
         """
-        state = get_state(self._model)
-        assert state is not None  # as the loop was made for this algorithm
-        record(self._model.logger, report, state, self._model.num_timesteps)
+        record(self._model.logger, report, self._loop, self._model.num_timesteps)
         if self._lines is not None:
             self._lines.print(report)
 
@@ -123,14 +123,14 @@ class TrainingLog:
             outputs.remove(output)
 
 
-def record(logger: Logger, report: Report, state: HUCRLState, num_timesteps: int) -> None:
+def record(logger: Logger, report: Report, loop: Loop, num_timesteps: int) -> None:
     """
     Log a report: means over state dimensions everywhere, single dimensions in CSV, JSON and TensorBoard. Pictures are
     for TensorBoard: the reliability diagram, and every tenth real episode beside its imagined one.
 
     :param logger: of the algorithm
     :param report: of the loop
-    :param state: of the run
+    :param loop: that reports
     :param num_timesteps: imagined steps so far
     """
     for name, value in report.scalars.items():
@@ -145,11 +145,11 @@ def record(logger: Logger, report: Report, state: HUCRLState, num_timesteps: int
         logger.record(f"dynamics/std_scale_{dim}", float(calibration.scale[dim]), exclude=TERSE)
     if any(isinstance(output, TensorBoardOutputFormat) for output in logger.output_formats):
         _record_figure(logger, "dynamics/reliability", reliability_figure({"held out": fit.calibration.coverage}))
-        pictured = pictured_episode(state, len(report.episodes))
+        pictured = pictured_episode(loop.state, len(report.episodes))
         if pictured is not None:
-            title = f"real episode {pictured.real_episode}"
-            real = state.dataset.episodes[pictured.real_episode - 1]
-            _record_figure(logger, "imagined/episode", episode_figure(real, pictured.transitions, title))
+            real = loop.state.dataset.episodes[pictured.real_episode - 1]
+            title, angles = f"real episode {pictured.real_episode}", loop.problem.task.angle_dims
+            _record_figure(logger, "imagined/episode", episode_figure(real, pictured.transitions, title, angles))
     logger.record("time/total_timesteps", num_timesteps, exclude="tensorboard")
     logger.dump(num_timesteps)
 
