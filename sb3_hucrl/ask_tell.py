@@ -54,12 +54,11 @@ class AskTell:
         #: the SB3 algorithm; its policy is that of the latest search
         self.model = model
         begin_logger(model)
-        self._loop = make_loop(
-            model, self._env, callback.settings, self._save, self._on_refit, callback.given_verbose, told=True
-        )
+        hooks, verbose = (self._save, self._on_refit), callback.given_verbose
+        self._loop = make_loop(model, self._env, callback.settings, callback.transitions, *hooks, verbose, told=True)
         self._search = make_search(model, self._env, self._loop)
         self._file, self._log = Checkpoint(model, callback.checkpoint), TrainingLog()
-        self._log.begin(model, self._loop, self._search, callback.log_dir, callback.given_verbose)
+        self._log.begin(model, self._loop, self._search, callback.log_dir, verbose)
 
     @property
     def finished(self) -> bool:

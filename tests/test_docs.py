@@ -32,6 +32,7 @@ SHORTER = {
     "learn(12_800": "learn(320",
     "learn(25_600": "learn(640",
     "learn(38_400": "learn(640",
+    "learn(128_000": "learn(320",
     "imagined_steps=6_400": "imagined_steps=320",
     "imagined_steps=12_800": "imagined_steps=320",
     "range(100)": "range(5)",
@@ -105,14 +106,14 @@ def test_the_task_of_ones_own_is_a_task() -> None:
     check_task(task["Parking"](), observation_dim=3, action_dim=1)
 
 
-@pytest.mark.parametrize("page", ["settings.md", "theory.md"])
+@pytest.mark.parametrize("page", ["logged_data.md", "settings.md", "theory.md"])
 def test_a_page_runs(page: str) -> None:
     for snippet in snippets(page):
         run(snippet)
 
 
 def test_no_page_is_forgotten() -> None:
-    tested = {"extending.md", "quick_start.md", "settings.md", "theory.md", "using_it.md"}
+    tested = {"extending.md", "logged_data.md", "quick_start.md", "settings.md", "theory.md", "using_it.md"}
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 

@@ -1,4 +1,4 @@
-"""The dynamics model of a run that goes on, perhaps with other settings than it began with."""
+"""What a run begins with, and the dynamics model of one that goes on, perhaps with other settings."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import warnings
 
 import torch as th
 
+from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel, make_dynamics
+from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.settings import ModelSettings
 from sb3_hucrl.loop.state import HUCRLState, ModelOrigin
+from sb3_hucrl.seeding import seeded_generator
 from sb3_hucrl.tasks import Task
 
 
@@ -34,6 +37,35 @@ def make_model(settings: ModelSettings, task: Task, action_dim: int, generator: 
         return settings.dynamics
     kwargs = settings.dynamics_kwargs or {}
     return make_dynamics(settings.dynamics, task.state_dim, action_dim, task.angle_dims, generator, **kwargs)
+
+
+def fresh_state(problem: Problem, settings: ModelSettings, seed: int | None) -> HUCRLState:
+    """
+    :param problem: of the environment
+    :param settings: of the run
+    :param seed: of all its randomness; None for a random one
+    :return: what a run begins with that loads nothing
+    """
+    generator, task = seeded_generator(seed), problem.task
+    dataset_seed = int(th.randint(2**31, (), generator=generator))
+    dataset = TransitionDataset(task.width, problem.action_dim, seed=dataset_seed)
+    dynamics = make_model(settings, task, problem.action_dim, generator)
+    return HUCRLState(dataset, dynamics, generator, origin=origin_of(settings))
+
+
+def require_same_dimensions(state: HUCRLState, problem: Problem) -> None:
+    """
+    :param state: of a run that goes on
+    :param problem: of the environment that it goes on with
+    :raises ValueError: if its transitions have other dimensions
+    """
+    dataset = state.dataset
+    found, expected = (dataset.state_dim, dataset.action_dim), (problem.task.width, problem.action_dim)
+    if found != expected:
+        raise ValueError(
+            f"the loaded model carries transitions with (state, action) dimensions {found}, this environment has "
+            f"{expected}: load a model that was trained on this environment"
+        )
 
 
 def follow_settings(state: HUCRLState, settings: ModelSettings, task: Task) -> bool:

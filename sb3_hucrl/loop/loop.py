@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import torch as th
 
 from sb3_hucrl.checks import Count, NotNegative, Seed, validated
-from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.data import Transitions
 from sb3_hucrl.dynamics import FitReport
 from sb3_hucrl.imagination import (
     BatchActor,
@@ -23,10 +23,12 @@ from sb3_hucrl.imagination import (
     imagined_return,
     trusted_horizon,
 )
+from sb3_hucrl.logged import LoggedEpisode
 from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.asked import AskedPolicy, FoundPolicy, freeze
-from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
+from sb3_hucrl.loop.carried import follow_settings, fresh_state, require_same_dimensions
 from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.plan import Plan
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
@@ -39,7 +41,6 @@ from sb3_hucrl.loop.state import HUCRLState, ImaginedEpisode
 from sb3_hucrl.loop.systems import RealSystem, RealSystems, require_systems
 from sb3_hucrl.loop.told import Episode, read_episode, same_transitions
 from sb3_hucrl.progress import begin_phase
-from sb3_hucrl.seeding import seeded_generator
 
 #: imagined trajectories by which a policy is judged
 JUDGED = 32
@@ -103,9 +104,9 @@ class Loop:
         require_systems(self._systems, settings.real)
         self._on_episode, self._on_refit = on_episode, on_refit
         self._reality = Reality(problem)
-        self.state = self._fresh_state(seed) if state is None else state
+        self.state = fresh_state(problem, settings.model, seed) if state is None else state
         self._plan = Plan(settings, self.state, problem.episode_length)
-        self._require_same_dimensions()
+        require_same_dimensions(self.state, problem)
         replaced = follow_settings(self.state, settings.model, problem.task)
         self.state.dynamics.to(device)
         if replaced and self.state.fitted_steps > 0:
@@ -124,21 +125,11 @@ class Loop:
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
         # The file of a run that is told does not say whether it was over.
-        self._solved = real is None and self._is_solved
-        self._searching = False
+        self._solved, self._searching = real is None and self._is_solved, False
         #: before a real episode that has not been finished
         self._imagined: ImaginedEpisode | None = None
         self._scalars: dict[str, float] = {}
-        self._rollout_seconds = 0.0
-        self._search_started = time.perf_counter()
-
-    def _fresh_state(self, seed: int | None) -> HUCRLState:
-        generator = seeded_generator(seed)
-        task, action_dim, settings = self.problem.task, self.problem.action_dim, self.settings.model
-        dataset_seed = int(th.randint(2**31, (), generator=generator))
-        dataset = TransitionDataset(task.width, action_dim, seed=dataset_seed)
-        dynamics = make_model(settings, task, action_dim, generator)
-        return HUCRLState(dataset, dynamics, generator, origin=origin_of(settings))
+        self._rollout_seconds, self._search_started = 0.0, time.perf_counter()
 
     def _horizon(self) -> int:
         given, known, longest = self.settings.search.horizon, self.state.dataset, self.problem.episode_length
@@ -146,14 +137,21 @@ class Loop:
             return HorizonSchedule.read(given).at(len(known))
         return trusted_horizon(self.state.dynamics, known, self.problem.task, longest) if len(known) else longest
 
-    def _require_same_dimensions(self) -> None:
-        dataset = self.state.dataset
-        found, expected = (dataset.state_dim, dataset.action_dim), (self.problem.task.width, self.problem.action_dim)
-        if found != expected:
+    @validated
+    def add_logged(self, episodes: Sequence[LoggedEpisode]) -> None:
+        """
+        Learn from what was logged before the training, too. To be called before :meth:`begin`, once.
+
+        :param episodes: of this environment
+        :raises ValueError: if they are not, as far as that can be seen, or there are real transitions already
+        """
+        if len(self.state.dataset):
             raise ValueError(
-                f"the loaded model carries transitions with (state, action) dimensions {found}, this environment has "
-                f"{expected}: load a model that was trained on this environment"
+                f"the loaded model has learned from {len(self.state.dataset):,} real transitions: logged ones must be "
+                "given before its first real episode. Train a new model, with both in one TransitionDataset"
             )
+        found = checked_transitions(self.problem, episodes)
+        self.state.dataset.append_logged(found, [episode.from_reset for episode in episodes])
 
     def begin(self) -> None:
         """
@@ -214,13 +212,12 @@ class Loop:
         self._searching = True
         planning = self.settings.planning
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
-        horizon, longest = self._horizon(), self.problem.episode_length
+        horizon = self._horizon()
         self.recipe = replace(self.recipe, horizon=horizon)
-        starts = self._starts.trusting(min(1.0, horizon / longest))
+        starts = self._starts.trusting(min(1.0, horizon / self.problem.episode_length))
         self.world = self.recipe.world(self.state, starts, num_samples, self._explores(progress))
-        self._note("hucrl", {"horizon": horizon})
-        self._note("hucrl", self.state.dynamics.diagnostics())
-        self._note("hucrl", self.world.strategy.diagnostics())
+        found = self.state.dynamics.diagnostics() | self.world.strategy.diagnostics()
+        self._note("hucrl", {"horizon": horizon} | found)
         self._search_started = time.perf_counter()
         return self.world
 
@@ -385,11 +382,10 @@ class Loop:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
         episodes = unseen_episodes(state, self.problem.task)
-        self._scalars.update(scalars_of(episodes))
+        self._scalars.update(scalars_of(state, episodes))
         fit = self._fit()
-        state.new_steps = self._plan.unseen_steps
+        state.new_steps = self._plan.new_steps
         state.fitted_steps = len(state.dataset)
-        self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
         self._on_refit(Report(self._scalars, fit, episodes))
         self._scalars, self._rollout_seconds = {}, 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import accumulate
 
-from sb3_hucrl.loop.budget import least_real_steps, search_length
+from sb3_hucrl.loop.budget import MOST_LOGGED, least_real_steps, search_length
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState
 
@@ -26,13 +26,14 @@ class Plan:
 
     @property
     def unseen_steps(self) -> int:
-        """Real steps that the model has not been fitted to."""
+        """Transitions that the model has not been fitted to, logged ones included."""
         return len(self.state.dataset) - self.state.fitted_steps
 
     def _misses(self, episodes: int, steps: int | None) -> bool:
         """Whether there must be more real episodes before the next refit."""
-        unseen = sum(end > self.state.fitted_steps for end in accumulate(self.state.dataset.lengths))
-        return unseen < episodes or self.unseen_steps < self._budget(steps)
+        fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
+        unseen = sum(end > fitted for end in accumulate(self.state.dataset.lengths))
+        return unseen < episodes or self.state.real_steps - fitted < self._budget(steps)
 
     def _budget(self, steps: int | None) -> int:
         """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
@@ -40,9 +41,12 @@ class Plan:
 
     @property
     def misses_random(self) -> bool:
-        """Whether random real episodes must be played."""
+        """Whether random real episodes must be played: with logged data only where the settings ask for them."""
         real = self.settings.real
-        return self.state.fitted_steps == 0 and self._misses(real.initial_episodes, real.initial_steps)
+        asked = real.initial_episodes is not None or real.initial_steps is not None
+        if self.state.fitted_steps > 0 or (self.state.dataset.logged_steps > 0 and not asked):
+            return False
+        return self._misses(real.initial_episodes or 1, real.initial_steps)
 
     @property
     def misses_real(self) -> bool:
@@ -68,18 +72,24 @@ class Plan:
     @property
     def progress(self) -> float:
         """Fraction of the ``max_real_steps`` that are used up; 0 where there is no such number."""
-        return self._fraction(len(self.state.dataset))
+        return self._fraction(self.state.real_steps)
 
     @property
     def next_progress(self) -> float:
         """The same, once the real episodes after the present search are played."""
-        real, dataset = self.settings.real, self.state.dataset
-        planned = max([self._budget(real.real_steps), *(real.real_episodes * each for each in dataset.lengths[-1:])])
-        return self._fraction(len(dataset) + planned)
+        real, lengths = self.settings.real, self.state.dataset.lengths
+        planned = max([self._budget(real.real_steps), *(real.real_episodes * each for each in lengths[-1:])])
+        return self._fraction(self.state.real_steps + planned)
 
     def _fraction(self, steps: int) -> float:
         most = self.settings.real.max_real_steps
         return 0.0 if most is None else steps / most
+
+    @property
+    def new_steps(self) -> int:
+        """Transitions that the next refit is the first to see, as far as they make the search after it longer."""
+        uncounted = max(0, self.state.dataset.logged_steps - MOST_LOGGED) if self.state.fitted_steps == 0 else 0
+        return self.unseen_steps - uncounted
 
     @property
     def search_steps(self) -> int:

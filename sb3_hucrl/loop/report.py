@@ -21,7 +21,7 @@ class PlayedEpisode:
     A real episode, before the model learns it.
 
     :param number: of the episode, from 1
-    :param real_steps: so far, this episode included
+    :param real_steps: so far, this episode included, and logged ones not
     :param episode_return: what it earned
     :param promised: its imagined return; None where nothing was imagined before it
     :param r2: R² of the model's one-step predictions along it, median over the state dimensions; None where the model
@@ -60,10 +60,11 @@ def unseen_episodes(state: HUCRLState, task: Task) -> list[PlayedEpisode]:
     :return: the real episodes that the model has not been fitted to
     """
     ends, episodes = list(accumulate(state.dataset.lengths)), state.dataset.episodes
+    fitted = state.fitted_steps - state.dataset.logged_steps
     returns = [float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]
     best = list(accumulate(returns, max))
     promised = {each.real_episode: each.value for each in state.promised_returns}
-    known = sum(end <= state.fitted_steps for end in ends)
+    known = sum(end <= fitted for end in ends)
     r2: list[float | None] = [None] * len(episodes[known:])
     if state.fitted_steps > 0:
         r2 = [*unseen_r2(state.dynamics, episodes[known:], state.dataset, task)]
@@ -73,14 +74,21 @@ def unseen_episodes(state: HUCRLState, task: Task) -> list[PlayedEpisode]:
     ]
 
 
-def scalars_of(episodes: list[PlayedEpisode]) -> dict[str, float]:
+def scalars_of(state: HUCRLState, episodes: list[PlayedEpisode]) -> dict[str, float]:
     """
+    :param state: of a run, before a refit
     :param episodes: that the model learns from for the first time
     :return: what is logged of them, by name
     """
     promised = [each.promised for each in episodes if each.promised is not None]
     r2 = [each.r2 for each in episodes if each.r2 is not None]
-    scalars = {"real/best_return": episodes[-1].best} if episodes else {}
+    scalars: dict[str, float] = {"real/episode": state.real_episodes, "real/steps": state.real_steps}
+    if state.dataset.logged_steps > 0:
+        scalars["logged/steps"] = state.dataset.logged_steps
+    if state.real_episodes > 0:
+        scalars["real/return"] = state.last_return
+    if episodes:
+        scalars["real/best_return"] = episodes[-1].best
     if promised:
         scalars["imagined/promised_return"] = promised[-1]
     if r2:

@@ -2,9 +2,9 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.asking import begin_logger, search_policy
-from sb3_hucrl.sb3.bar import TrainingBar
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
+from sb3_hucrl.sb3.logged import LoggedSource, read_logged
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.normalization import reward_unit, saved_normalization
@@ -20,13 +20,13 @@ from sb3_hucrl.sb3.state import attach_state, get_state
 __all__ = [
     "Checkpoint",
     "Curve",
+    "LoggedSource",
     "MixedReplayBuffer",
     "Parameters",
     "Row",
     "SB3Policy",
     "SB3Search",
     "SingleEnv",
-    "TrainingBar",
     "TrainingLog",
     "attach_state",
     "begin_logger",
@@ -38,6 +38,7 @@ __all__ = [
     "planner_actor",
     "policy_actor",
     "previous_path",
+    "read_logged",
     "read_problem",
     "real_systems",
     "require_place",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import (
     CSVOutputFormat,
     Figure,
@@ -80,7 +81,7 @@ class TrainingLog:
         search: SB3Search,
         folder: str | Path | None,
         verbose: int | None,
-        bar: TrainingBar | None = None,
+        callback: BaseCallback | None = None,
     ) -> None:
         """
         :param model: algorithm that searches
@@ -89,7 +90,7 @@ class TrainingLog:
         :param folder: for ``progress.csv``; it is made if it does not exist. None for no such file
         :param verbose: 0 prints nothing, 1 a line for each real episode, 2 the table of all that is logged; None as
             :func:`sb3_hucrl.sb3.quiet.choose_verbosity` says
-        :param bar: of the training, to be closed with it
+        :param callback: of the loop, in a training whose progress bar shows all phases; None for no bar
         """
         self._on_end.close()
         self._model, self._loop = model, loop
@@ -101,8 +102,8 @@ class TrainingLog:
         model.logger.output_formats.append(CurveOutput(carried_lines(model)["progress"], folder))
         self._on_end.callback(PrintedTables(model.logger, printed, search.imagines).restore)
         self._on_end.callback(HeldDumps(model.logger, search.imagines).release)
-        if bar is not None:
-            self._on_end.callback(bar.close)
+        if callback is not None:
+            self._on_end.callback(TrainingBar(callback, loop, search).close)
 
     def record(self, report: Report) -> None:
         """
