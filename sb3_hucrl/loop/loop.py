@@ -72,8 +72,7 @@ class Loop:
             ...  # send it, play it, get the episode
             loop.tell(episode)
 
-    There may be several policies under way at once, and episodes may be told in any order. A state that is saved after
-    each call, with pickle, is what a new loop goes on from.
+    Several policies may be under way at once, and episodes be told in any order. A new loop goes on from a saved state.
 
     :param settings: of real episodes, search, model and planning
     :param problem: what is known of the environment
@@ -289,7 +288,7 @@ class Loop:
                     "ask(search)"
                 )
             actor, promised = state.asked.found.actor, state.asked.found.promised
-        # Not from the loop's generator: no two policies are the same, even if a state that was saved before goes on.
+        # Not from the loop's generator: no id is given twice, even if a state that was saved before goes on.
         policy = AskedPolicy(uuid.uuid4().hex, actor, self.problem, state.draw_seed())
         state.asked.open[policy.id] = promised
         return policy
@@ -320,7 +319,8 @@ class Loop:
         transitions = read_episode(episode, self.problem, self._reality if index is None else None)
         if index is None:
             promised = asked.open.get(episode.policy_id)
-            self._imagined = promised and ImaginedEpisode(self.state.real_episodes + 1, promised)
+            if promised is not None:
+                self._imagined = ImaginedEpisode(self.state.real_episodes + 1, promised)
             asked.told[episode.policy_id] = len(dataset.lengths)
             self._remember([transitions])
             self._imagined = None
@@ -350,8 +350,7 @@ class Loop:
 
         :param act: chooses the actions, of a batch of ``real_envs``
         :return: the episodes, in the order of the environments
-        :raises ValueError: if the environment gives what it must not, or something else than the task says, or there
-            is none
+        :raises ValueError: if the environment gives what it must not, or something else than the task says, or is none
         """
         if self._systems is None:
             raise ValueError("there is no real system here: ask() for a policy, and tell() the episode that it played")
