@@ -27,8 +27,11 @@ from sb3_hucrl.registry import Registry
 INTERNAL = {"checks", "diagnosis", "pictures", "sb3", "zoo", "zoo_hyperparams", "parameters", "state"}
 #: what the library makes itself and hands out, some of it in every imagined step
 RECORDS = {
+    "Asked",
+    "AskedPolicy",
     "BanditRun",
     "FitReport",
+    "FoundPolicy",
     "HUCRLState",
     "ImaginedEpisode",
     "ImaginedStep",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import pickle
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch as th
 from gymnasium import spaces
@@ -14,6 +16,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl import (
+    AskedPolicy,
     DynamicsModel,
     ExplorationStrategy,
     HUCRLCallback,
@@ -129,6 +132,17 @@ def state_of(model: BaseAlgorithm) -> HUCRLState:
 def imagination_env(n_envs: int = 4, **env_kwargs: Any) -> ImaginationVecEnv:
     """Real pendulums, ready to be imagined."""
     return ImaginationVecEnv(make_vec_env(ENV_ID, n_envs, seed=0, env_kwargs=env_kwargs))
+
+
+def real_pendulum(length: int) -> gym.Env[Any, Any]:
+    """The real pendulum alone, whose actions are real ones."""
+    return gym.make(ENV_ID, hallucinate=False, max_episode_steps=length)
+
+
+def elsewhere(policy: AskedPolicy) -> AskedPolicy:
+    """What another process gets of a policy."""
+    sent: AskedPolicy = pickle.loads(pickle.dumps(policy))
+    return sent
 
 
 def small_callback(**kwargs: Any) -> HUCRLCallback:

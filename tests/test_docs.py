@@ -112,8 +112,28 @@ def test_a_page_runs(page: str) -> None:
         run(snippet)
 
 
+def test_asking_and_telling_ends_with_all_that_was_told() -> None:
+    namespace: dict[str, Any] = {"__name__": "my_module"}
+    for snippet in snippets("ask_and_tell.md"):
+        exec(snippet, namespace)
+    learned = namespace["optimizer"].model.hucrl
+    # Six for the planned steps, and the one that was played by hand.
+    assert learned.dataset.lengths == [200] * 7
+    assert learned.asked.told[namespace["episode"].policy_id] == 6
+    assert namespace["loop"].state.real_episodes == 3
+    assert namespace["arm"].model.hucrl.real_episodes == 0
+
+
 def test_no_page_is_forgotten() -> None:
-    tested = {"extending.md", "logged_data.md", "quick_start.md", "settings.md", "theory.md", "using_it.md"}
+    tested = {
+        "ask_and_tell.md",
+        "extending.md",
+        "logged_data.md",
+        "quick_start.md",
+        "settings.md",
+        "theory.md",
+        "using_it.md",
+    }
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 

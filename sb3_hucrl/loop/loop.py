@@ -74,8 +74,7 @@ class Loop:
             ...  # send it, play it, get the episode
             loop.tell(episode)
 
-    There may be several policies under way at once, and episodes may be told in any order. A state that is saved after
-    each call, with pickle, is what a new loop goes on from.
+    Several policies may be under way at once, and episodes be told in any order. A new loop goes on from a saved state.
 
     :param settings: of real episodes, search, model and planning
     :param problem: what is known of the environment
@@ -287,7 +286,7 @@ class Loop:
                     "ask(search)"
                 )
             actor, promised = state.asked.found.actor, state.asked.found.promised
-        # Not from the loop's generator: no two policies are the same, even if a state that was saved before goes on.
+        # Not from the loop's generator: no id is given twice, even if a state that was saved before goes on.
         policy = AskedPolicy(uuid.uuid4().hex, actor, self.problem, state.draw_seed())
         state.asked.open[policy.id] = promised
         return policy
@@ -348,8 +347,7 @@ class Loop:
 
         :param act: chooses the actions, of a batch of ``real_envs``
         :return: the episodes, in the order of the environments
-        :raises ValueError: if the environment gives what it must not, or something else than the task says, or there
-            is none
+        :raises ValueError: if the environment gives what it must not, or something else than the task says, or is none
         """
         if self._systems is None:
             raise ValueError("there is no real system here: ask() for a policy, and tell() the episode that it played")
