@@ -100,14 +100,14 @@ def test_every_extension_is_used() -> None:
         checked["Shaped"](width=0)
 
 
-@pytest.mark.parametrize("page", ["settings.md", "theory.md"])
+@pytest.mark.parametrize("page", ["deployment.md", "settings.md", "theory.md"])
 def test_a_page_runs(page: str) -> None:
     for snippet in snippets(page):
         run(snippet)
 
 
 def test_no_page_is_forgotten() -> None:
-    tested = {"extending.md", "quick_start.md", "settings.md", "theory.md"}
+    tested = {"deployment.md", "extending.md", "quick_start.md", "settings.md", "theory.md"}
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 
