@@ -4,6 +4,7 @@ from sb3_hucrl._version import __version__
 from sb3_hucrl.ask_tell import AskTell
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.data import TransitionDataset, Transitions
+from sb3_hucrl.deployment import export
 from sb3_hucrl.dynamics import DeterministicEnsemble, DynamicsModel, Prediction, ProbabilisticEnsemble
 from sb3_hucrl.envs import register_envs
 from sb3_hucrl.exploration import Bonus, ExplorationStrategy, Greedy, Optimistic, Thompson
@@ -38,6 +39,7 @@ __all__ = [
     "Transitions",
     "World",
     "__version__",
+    "export",
     "register_task",
 ]
 

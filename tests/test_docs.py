@@ -106,7 +106,7 @@ def test_the_task_of_ones_own_is_a_task() -> None:
     check_task(task["Parking"](), observation_dim=3, action_dim=1)
 
 
-@pytest.mark.parametrize("page", ["logged_data.md", "settings.md", "theory.md"])
+@pytest.mark.parametrize("page", ["deployment.md", "logged_data.md", "settings.md", "theory.md"])
 def test_a_page_runs(page: str) -> None:
     for snippet in snippets(page):
         run(snippet)
@@ -127,6 +127,7 @@ def test_asking_and_telling_ends_with_all_that_was_told() -> None:
 def test_no_page_is_forgotten() -> None:
     tested = {
         "ask_and_tell.md",
+        "deployment.md",
         "extending.md",
         "logged_data.md",
         "quick_start.md",

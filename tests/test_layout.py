@@ -11,10 +11,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 #: from top to bottom; a room uses itself and those below it, none of its own line
 ROOMS = [
-    ["diagnose", "plot_run", "record"],
+    ["diagnose", "export_run", "plot_run", "record"],
     ["diagnosis", "pictures"],
     ["zoo"],
-    ["ask_tell"],
+    ["ask_tell", "deployment"],
     ["callbacks"],
     ["sb3"],
     ["loop"],

@@ -7,12 +7,12 @@ from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
 from sb3_hucrl.sb3.logged import LoggedSource, read_logged
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
-from sb3_hucrl.sb3.normalization import reward_unit, saved_normalization
+from sb3_hucrl.sb3.normalization import Normalization, carried_normalization, reward_unit, saved_normalization
 from sb3_hucrl.sb3.parameters import Parameters
 from sb3_hucrl.sb3.place import require_place
 from sb3_hucrl.sb3.policy import SB3Policy
 from sb3_hucrl.sb3.replay import MixedReplayBuffer
-from sb3_hucrl.sb3.saved import is_whole, previous_path
+from sb3_hucrl.sb3.saved import is_whole, previous_path, real_steps_in
 from sb3_hucrl.sb3.search import SB3Search, make_search
 from sb3_hucrl.sb3.stack import SingleEnv, find_imagination, read_problem, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
@@ -22,6 +22,7 @@ __all__ = [
     "Curve",
     "LoggedSource",
     "MixedReplayBuffer",
+    "Normalization",
     "Parameters",
     "Row",
     "SB3Policy",
@@ -30,6 +31,7 @@ __all__ = [
     "TrainingLog",
     "attach_state",
     "begin_logger",
+    "carried_normalization",
     "find_imagination",
     "get_state",
     "is_whole",
@@ -40,6 +42,7 @@ __all__ = [
     "previous_path",
     "read_logged",
     "read_problem",
+    "real_steps_in",
     "real_systems",
     "require_place",
     "reward_unit",

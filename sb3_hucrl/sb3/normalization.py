@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
@@ -42,6 +44,17 @@ class Normalization:
         assert not isinstance(observations, dict)  # observations are vectors
         arguments = {name: getattr(normalizer, name) for name in ARGUMENTS}
         return Normalization(observations, normalizer.ret_rms, arguments)
+
+    def normalised(self, observations: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """
+        :param observations: of the environment, shape (..., observation dimension)
+        :return: what the policy sees of them
+        """
+        moments, clip = self.observations, self.arguments["clip_obs"]
+        if moments is None:
+            return observations
+        scaled = (observations - moments.mean) / np.sqrt(moments.var + self.arguments["epsilon"])
+        return np.asarray(np.clip(scaled, -clip, clip), dtype=np.float32)
 
     def restore(self, normalizer: VecNormalize) -> None:
         """
@@ -82,6 +95,15 @@ def carry_normalization(model: BaseAlgorithm) -> None:
     if carried is not None:
         carried.restore(normalizer)
     setattr(model, ATTRIBUTE, Normalization.of(normalizer))
+
+
+def carried_normalization(model: BaseAlgorithm) -> Normalization | None:
+    """
+    :param model: SB3 algorithm
+    :return: the statistics of its environments, or where it has none, those that it was saved with; None without either
+    """
+    normalizer = model.get_vec_normalize_env()
+    return getattr(model, ATTRIBUTE, None) if normalizer is None else Normalization.of(normalizer)
 
 
 def saved_normalization(path: str | Path) -> Normalization | None:
