@@ -39,6 +39,7 @@ RECORDS = {
     "Particles",
     "Plan",
     "Prediction",
+    "PlayedEpisode",
     "PromisedReturn",
     "Proposal",
     "Report",
