@@ -1,5 +1,9 @@
 """H-UCRL for Stable-Baselines3: optimistic model-based reinforcement learning with the algorithms you already use."""
 
+# First: `python -m sb3_hucrl.doctor` ends here, because any of the other imports may be what is broken.
+from sb3_hucrl.doctor import early  # noqa: F401
+
+# isort: split
 from sb3_hucrl._version import __version__
 from sb3_hucrl.ask_tell import AskTell
 from sb3_hucrl.callbacks import HUCRLCallback

@@ -24,7 +24,7 @@ from sb3_hucrl.registry import Registry
 
 #: adapters to SB3 and rl_zoo3 and command lines: they get the library's own objects, or parse what they are given; and
 #: what forwards names of old files
-INTERNAL = {"checks", "diagnosis", "pictures", "sb3", "zoo", "zoo_hyperparams", "parameters", "state"}
+INTERNAL = {"checks", "diagnosis", "doctor", "pictures", "sb3", "zoo", "zoo_hyperparams", "parameters", "state"}
 #: what the library makes itself and hands out, some of it in every imagined step
 RECORDS = {
     "Asked",

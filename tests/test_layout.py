@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 #: from top to bottom; a room uses itself and those below it, none of its own line
 ROOMS = [
-    ["diagnose", "export_run", "plot_run", "record"],
+    ["diagnose", "doctor", "export_run", "plot_run", "record"],
     ["diagnosis", "pictures"],
     ["zoo"],
     ["ask_tell", "deployment"],
