@@ -2,7 +2,7 @@
 
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
-from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
+from sb3_hucrl.sb3.curve import Curve, Row, progress_rows, saved_curve
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.normalization import reward_unit, saved_normalization
@@ -34,6 +34,7 @@ __all__ = [
     "planner_actor",
     "policy_actor",
     "previous_path",
+    "progress_rows",
     "read_problem",
     "real_systems",
     "require_place",
