@@ -15,8 +15,18 @@ import torch as th
 from sb3_contrib import ARS
 from stable_baselines3.common.vec_env import VecNormalize
 
-from helpers import ENV_ID, TruePendulum, imagination_env, pendulum_dataset, small_sac, small_world
+from helpers import (
+    ENV_ID,
+    TruePendulum,
+    imagination_env,
+    pendulum_dataset,
+    small_callback,
+    small_sac,
+    small_world,
+    state_of,
+)
 from sb3_hucrl import HUCRLState, StartStates, TransitionDataset, Transitions
+from sb3_hucrl.diagnosis import ScriptRun, diagnose
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures, measure_exploration
 from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, Promise, compare_returns, measure_imagination
 from sb3_hucrl.diagnosis.model import ModelMeasures, UnseenEpisode, measure_model, open_loop, prefixes
@@ -361,3 +371,24 @@ def test_a_run_is_diagnosed_drawn_and_recorded(env_id: str, tmp_path: Path) -> N
 def test_what_is_no_run_is_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="give the folder of a run"):
         command("sb3_hucrl.diagnose", ".", cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_run_of_a_script_is_diagnosed_and_left_as_it_is() -> None:
+    callback, model = small_callback(), small_sac(imagination_env())
+    with pytest.raises(ValueError, match=r"call model\.learn"):
+        ScriptRun(model, callback)
+    model.learn(160, callback=callback)
+    learned = state_of(model)
+    generator, steps = learned.generator.get_state(), len(learned.dataset)
+    run = ScriptRun(model, callback)
+    found = diagnose(run)
+    assert found.imagination is not None
+    assert found.exploration.returns == pytest.approx([float(each.rewards.sum()) for each in learned.dataset.episodes])
+    assert [each.real for each in found.imagination.promises] == pytest.approx(found.exploration.returns[1:])
+    assert list(run.progress["real/return"]) == pytest.approx(found.exploration.returns)
+    assert (len(learned.dataset), learned.real_episodes) == (steps, 3)
+    th.testing.assert_close(learned.generator.get_state(), generator)
+    model.env = None
+    with pytest.raises(ValueError, match="load it with those"):
+        ScriptRun(model, callback)

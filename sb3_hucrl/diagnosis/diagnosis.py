@@ -9,6 +9,7 @@ from sb3_hucrl.algorithms import HMPC
 from sb3_hucrl.diagnosis.exploration import ExplorationMeasures, measure_exploration
 from sb3_hucrl.diagnosis.imagination import ImaginationMeasures, compare_returns, measure_imagination
 from sb3_hucrl.diagnosis.model import ModelMeasures, measure_model
+from sb3_hucrl.diagnosis.script import ScriptRun
 from sb3_hucrl.diagnosis.search import SearchMeasures, measure_search
 from sb3_hucrl.diagnosis.setup import Setup, setup_of
 from sb3_hucrl.diagnosis.verdict import Level, Verdict
@@ -89,7 +90,7 @@ class Diagnosis:
         return bool(judged) and all(verdict.level is not Level.CAUSE for verdict in judged)
 
 
-def diagnose(run: ZooRun) -> Diagnosis:
+def diagnose(run: ZooRun | ScriptRun) -> Diagnosis:
     """
     :param run: finished, running or killed
     :raises ValueError: if no real episode has been finished
@@ -125,7 +126,7 @@ def diagnose(run: ZooRun) -> Diagnosis:
     )
 
 
-def _entropy_coefficient(run: ZooRun) -> float | None:
+def _entropy_coefficient(run: ZooRun | ScriptRun) -> float | None:
     if "train/ent_coef" not in run.progress:
         return None
     values = run.progress["train/ent_coef"].dropna()

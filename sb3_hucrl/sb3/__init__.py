@@ -3,7 +3,7 @@
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.asking import begin_logger, search_policy
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
-from sb3_hucrl.sb3.curve import Curve, Row, saved_curve
+from sb3_hucrl.sb3.curve import Curve, Row, progress_rows, saved_curve
 from sb3_hucrl.sb3.logged import LoggedSource, read_logged
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
@@ -40,6 +40,7 @@ __all__ = [
     "planner_actor",
     "policy_actor",
     "previous_path",
+    "progress_rows",
     "read_logged",
     "read_problem",
     "real_steps_in",

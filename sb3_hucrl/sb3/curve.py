@@ -63,6 +63,14 @@ def carried_lines(model: BaseAlgorithm) -> Lines:
     return carried
 
 
+def progress_rows(model: BaseAlgorithm) -> list[Row]:
+    """
+    :param model: SB3 algorithm that was trained with a :class:`sb3_hucrl.HUCRLCallback`
+    :return: what was logged, one row for each real episode, with or without a ``progress.csv``
+    """
+    return [*map(read_row, carried_lines(model)["progress"])]
+
+
 def saved_curve(path: str | Path) -> Curve | None:
     """
     :param path: zip file of an SB3 algorithm
