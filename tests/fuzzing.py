@@ -35,6 +35,7 @@ RECORDS = {
     "LipschitzEstimate",
     "Particles",
     "Plan",
+    "PlayedEpisode",
     "Prediction",
     "PromisedReturn",
     "Proposal",
