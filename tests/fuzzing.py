@@ -38,6 +38,7 @@ RECORDS = {
     "LipschitzEstimate",
     "Particles",
     "Plan",
+    "PlayedEpisode",
     "Prediction",
     "PlayedEpisode",
     "PromisedReturn",
