@@ -34,7 +34,7 @@ class HUCRLCallback(BaseCallback):
     :param dynamics_kwargs: arguments of the named model
     :param task: a task, the place to import one from, or ``"learned"``; by default that of the id, or learned
     :param task_kwargs: arguments of an imported or learned task
-    :param horizon: of an imagined trajectory, or ``[first, last, begin, end]``; default: while the model is trusted
+    :param horizon: length of an imagined trajectory, or ``[first, last, begin, end]``; default: chosen after each refit
     :param imagined_steps: timesteps of each policy search; by default 64 for each new real step, 128 for few of them
     :param transitions: logged data to begin with: a file, Minari id, replay buffer or dataset, see docs/logged_data.md
     :param initial_episodes: random real episodes before the first search; by default 1, or none with ``transitions``

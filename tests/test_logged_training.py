@@ -157,7 +157,7 @@ def test_before_the_first_real_episode_there_is_nothing_to_draw(tmp_path: Path) 
 
 def test_a_run_that_has_begun_without_it_takes_none(tmp_path: Path) -> None:
     model = small_sac(env_of()).learn(80, callback=small_callback())
-    with pytest.raises(ValueError, match="has learned from 40 real transitions: logged ones must be given before"):
+    with pytest.raises(ValueError, match="has learned from 40 transitions: logged ones must be given before these"):
         model.learn(80, callback=logged_callback(log_file(tmp_path)), reset_num_timesteps=False)
     # All that it has learned from can be the logged data of another run.
     other = small_sac(env_of()).learn(80, callback=logged_callback(state_of(model).dataset))

@@ -146,8 +146,8 @@ class Loop:
         """
         if len(self.state.dataset):
             raise ValueError(
-                f"the loaded model has learned from {len(self.state.dataset):,} real transitions: logged ones must be "
-                "given before its first real episode. Train a new model, with both in one TransitionDataset"
+                f"the loaded model has learned from {len(self.state.dataset):,} transitions: logged ones must be given "
+                "before these. Go on without them, or train a new model"
             )
         found = checked_transitions(self.problem, episodes)
         self.state.dataset.append_logged(found, [episode.from_reset for episode in episodes])
