@@ -97,7 +97,7 @@ class Loop:
         on_refit: Callable[[Report], None] = lambda report: None,
     ) -> None:
         self.settings, self.problem = settings, problem
-        self._systems = RealSystems([real]) if isinstance(real, RealSystem) else real
+        self._systems = real if real is None or isinstance(real, RealSystems) else RealSystems([real])
         require_systems(self._systems, settings.real)
         self._on_episode, self._on_refit = on_episode, on_refit
         self._reality = Reality(problem)
