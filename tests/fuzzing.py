@@ -40,7 +40,6 @@ RECORDS = {
     "Plan",
     "PlayedEpisode",
     "Prediction",
-    "PlayedEpisode",
     "PromisedReturn",
     "Proposal",
     "Report",
