@@ -87,9 +87,9 @@ class Episode:
         with replacing(Path(path)) as file:
             np.savez(file, format=np.int64(FORMAT), **asdict(self))
 
-    @staticmethod
+    @classmethod
     @validated
-    def load(path: Location) -> Episode:
+    def load(cls, path: Location) -> Episode:
         """
         :param path: of a file
         :raises ValueError: if it is no such file
@@ -100,7 +100,7 @@ class Episode:
             version = int(found.pop("format"))
             if version > FORMAT:
                 raise ValueError(f"format {version}, and this version reads up to {FORMAT}")
-            return Episode(policy_id=str(found.pop("policy_id")), **found)
+            return cls(policy_id=str(found.pop("policy_id")), **found)
         except FileNotFoundError:
             raise
         except Exception as error:  # whatever the file holds
