@@ -12,7 +12,7 @@ from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, choose_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
-from sb3_hucrl.sb3 import Checkpoint, TrainingLog, find_imagination, make_loop, make_search, require_place
+from sb3_hucrl.sb3 import Checkpoint, LoggedSource, TrainingLog, find_imagination, make_loop, make_search, require_place
 from sb3_hucrl.tasks import Task
 
 
@@ -21,11 +21,9 @@ class HUCRLCallback(BaseCallback):
     """
     Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
 
-    It plays ``initial_episodes`` random real episodes and fits the dynamics model. From then on the algorithm trains in
-    imagination; after every ``imagined_steps`` timesteps the callback plays ``real_episodes`` real episodes with the
-    policy (the real environment ignores the hallucinated action a′) and refits the model. Early real episodes sample
-    the policy: a deterministic policy may not move at all, and then the model learns nothing. Later ones, and always
-    the last, play the mode of the policy with the highest imagined return so far; the search goes on from that policy.
+    It plays ``initial_episodes`` random real episodes, or reads ``transitions``, and fits the dynamics model. After
+    every ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′) and refits the model.
+    Early ones sample the policy, whose mode may not move at all; later ones play the mode of the best policy so far.
 
     ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
     ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`) in the model's zip file: a loaded model goes on where it was.
@@ -36,10 +34,10 @@ class HUCRLCallback(BaseCallback):
     :param dynamics_kwargs: arguments of the named model
     :param task: a task, the place to import one from, or ``"learned"``; by default that of the id, or learned
     :param task_kwargs: arguments of an imported or learned task
-    :param horizon: length of an imagined trajectory; by default as long as the model can be trusted, at most a real
-        episode; ``[first, last, begin, end]`` lets it grow from first to last between these numbers of real steps
+    :param horizon: length of an imagined trajectory, or ``[first, last, begin, end]``; default: chosen after each refit
     :param imagined_steps: timesteps of each policy search; by default 64 for each new real step, 128 for few of them
-    :param initial_episodes: random real episodes before the first search, at least 1
+    :param transitions: logged data to begin with: a file, Minari id, replay buffer or dataset, see docs/logged_data.md
+    :param initial_episodes: random real episodes before the first search; by default 1, or none with ``transitions``
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
@@ -72,7 +70,8 @@ class HUCRLCallback(BaseCallback):
         task_kwargs: Mapping[str, Any] | None = None,
         horizon: int | Sequence[int] | None = None,
         imagined_steps: int | None = None,
-        initial_episodes: int = 1,
+        transitions: LoggedSource | None = None,
+        initial_episodes: int | None = None,
         initial_steps: int | None = None,
         real_episodes: int = 1,
         real_steps: int | None = None,
@@ -101,13 +100,14 @@ class HUCRLCallback(BaseCallback):
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),
         )
-        self.log_dir, self.checkpoint = log_dir, checkpoint
+        self.transitions, self.log_dir, self.checkpoint = transitions, log_dir, checkpoint
         self._log, self._searching = TrainingLog(), False
 
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
         self._env = find_imagination(self.training_env)
-        self._loop = make_loop(self.model, self._env, self.settings, self._save, self._on_refit, self.verbose)
+        hooks = self._save, self._on_refit
+        self._loop = make_loop(self.model, self._env, self.settings, self.transitions, *hooks, self.verbose)
         self._file = Checkpoint(self.model, self.checkpoint)
         self._search = make_search(self.model, self._env, self._loop)
         self._total_timesteps = self._search.total_timesteps(self.locals)

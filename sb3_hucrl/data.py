@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import accumulate
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import torch as th
 
-from sb3_hucrl.checks import Count, Fraction, Seed, validated
+from sb3_hucrl.checks import Count, Fraction, Location, Seed, validated
+from sb3_hucrl.files import read_npz, replacing
+
+#: what a file of a dataset says of itself, and the version of its contents
+FILE_FORMAT, FILE_VERSION = "sb3_hucrl.TransitionDataset", 1
 
 
 @validated
@@ -61,7 +68,8 @@ class Transitions:
 @validated
 class TransitionDataset:
     """
-    All real transitions so far, stored on the CPU.
+    All real transitions so far, stored on the CPU: first those that were logged before the training, if there are any,
+    then those of the training's own real episodes.
 
     Each transition is assigned to training or held-out data once, when it is appended, so that no refit sees a held-out
     transition. The bootstrap weights of appendix B.1 are also drawn once.
@@ -77,12 +85,19 @@ class TransitionDataset:
         self.action_dim = action_dim
         self.holdout_fraction = holdout_fraction
         self.transitions = Transitions.empty(state_dim, action_dim)
+        #: where episodes began with a reset, shape (number of these, p)
         self.initial_states = th.zeros(0, state_dim)
-        #: number of transitions of each episode
+        #: number of transitions of each of the training's own episodes
         self.lengths: list[int] = []
+        #: the same of the logged ones, which come first in :attr:`transitions`
+        self.logged_lengths: list[int] = []
         self._is_holdout = th.zeros(0, dtype=th.bool)
         self._weights = th.zeros(0, 0)
         self._generator = th.Generator().manual_seed(seed)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Files of version 0.1 know no logged data.
+        vars(self).update({"logged_lengths": [], **state})
 
     def __len__(self) -> int:
         return len(self.transitions)
@@ -97,11 +112,43 @@ class TransitionDataset:
 
     def append_episode(self, episode: Transitions) -> None:
         """
-        Store one real episode. Its first state becomes an initial state.
+        Store one real episode of the training's own. Its first state becomes an initial state.
 
         :param episode: at least one transition, in order
         :raises ValueError: if the dimensions differ from the dataset's or the episode is empty
         """
+        self._append([episode], [True], lengths=[*self.lengths, len(episode)])
+
+    def append_logged(self, episodes: Sequence[Transitions], from_reset: Sequence[bool]) -> None:
+        """
+        Store episodes that were logged before the training.
+
+        :param episodes: each at least one transition, in order
+        :param from_reset: of each, whether it began with a reset: then its first state becomes an initial state. If
+            none did, all first states do, because imagination must begin somewhere
+        :raises ValueError: if there are real episodes of the training's own, which come last, or as above
+        """
+        if self.lengths:
+            raise ValueError(
+                f"the dataset holds {len(self.lengths)} real episodes of its own: append logged ones before these"
+            )
+        known = from_reset if any(from_reset) else [True] * len(episodes)
+        self._append(episodes, known, logged_lengths=[*self.logged_lengths, *map(len, episodes)])
+
+    def _append(self, episodes: Sequence[Transitions], from_reset: Sequence[bool], **lengths: list[int]) -> None:
+        for episode in episodes:
+            self._require_fitting(episode)
+        drawn = th.rand(sum(map(len, episodes)), generator=self._generator) < self.holdout_fraction
+        began = [episode.states[:1] for episode, known in zip(episodes, from_reset, strict=True) if known]
+        # One step for Python, so that an interruption leaves all or none of it.
+        vars(self).update(
+            transitions=Transitions.concatenate([self.transitions, *episodes]),
+            initial_states=th.cat([self.initial_states, *began]),
+            _is_holdout=th.cat([self._is_holdout, drawn]),
+            **lengths,
+        )
+
+    def _require_fitting(self, episode: Transitions) -> None:
         if len(episode) == 0:
             raise ValueError("an episode needs at least one transition, got none")
         dims = (episode.states.shape[1], episode.actions.shape[1])
@@ -110,20 +157,30 @@ class TransitionDataset:
                 f"the episode has (state, action) dimensions {dims}, the dataset {(self.state_dim, self.action_dim)}: "
                 "use a dataset made for this environment"
             )
-        drawn = th.rand(len(episode), generator=self._generator) < self.holdout_fraction
-        # One step for Python, so that an interruption leaves all or none of the episode.
-        vars(self).update(
-            transitions=Transitions.concatenate([self.transitions, episode]),
-            initial_states=th.cat([self.initial_states, episode.states[:1]]),
-            lengths=[*self.lengths, len(episode)],
-            _is_holdout=th.cat([self._is_holdout, drawn]),
-        )
+
+    @property
+    def logged_steps(self) -> int:
+        """Number of logged transitions."""
+        return sum(self.logged_lengths)
+
+    @property
+    def ends(self) -> list[int]:
+        """For each episode, the logged ones first, the number of transitions up to its end."""
+        return list(accumulate([*self.logged_lengths, *self.lengths]))
+
+    @property
+    def logged_episodes(self) -> list[Transitions]:
+        """The logged episodes, in order."""
+        return self._cut()[: len(self.logged_lengths)]
 
     @property
     def episodes(self) -> list[Transitions]:
-        """The real episodes, in order."""
-        ends = list(accumulate(self.lengths))
-        return [self.transitions[end - length : end] for end, length in zip(ends, self.lengths, strict=True)]
+        """The training's own real episodes, in order."""
+        return self._cut()[len(self.logged_lengths) :]
+
+    def _cut(self) -> list[Transitions]:
+        ends = self.ends
+        return [self.transitions[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
     @property
     def train(self) -> Transitions:
@@ -149,3 +206,76 @@ class TransitionDataset:
         drawn = th.poisson(th.ones(missing, num_members), generator=self._generator)
         self._weights = th.cat([self._weights, drawn])
         return self._weights[~self._is_holdout]
+
+    @validated
+    def save(self, path: Location) -> None:
+        """
+        Write everything to a ``.npz`` file of plain arrays: ``states``, ``actions``, ``next_states``, ``rewards`` and
+        ``terminated`` as in :class:`Transitions`, ``initial_states``, ``lengths`` and ``logged_lengths``, the held-out
+        transitions ``is_holdout``, the bootstrap ``weights``, ``generator`` (the state of its random generator),
+        ``holdout_fraction``, and ``format`` and ``version``.
+
+        :param path: of the file, which is replaced in one step
+        :raises OSError: if it cannot be written; what was there is left as it was
+        """
+        columns = {field.name: getattr(self.transitions, field.name).numpy() for field in fields(Transitions)}
+        with replacing(Path(path)) as file:
+            np.savez_compressed(
+                file,
+                format=FILE_FORMAT,
+                version=FILE_VERSION,
+                **columns,
+                initial_states=self.initial_states.numpy(),
+                lengths=np.array(self.lengths, dtype=np.int64),
+                logged_lengths=np.array(self.logged_lengths, dtype=np.int64),
+                is_holdout=self._is_holdout.numpy(),
+                weights=self._weights.numpy(),
+                generator=self._generator.get_state().numpy(),
+                holdout_fraction=self.holdout_fraction,
+            )
+
+    @classmethod
+    @validated
+    def load(cls, path: Location) -> TransitionDataset:
+        """
+        :param path: of a file that :meth:`save` has written
+        :return: the same dataset; what is appended to it is held out as it would have been
+        :raises FileNotFoundError: if there is no such file
+        :raises ValueError: if it is another file, or one of a newer version
+        """
+        found = _read_file(Path(path))
+        transitions = Transitions(*(th.as_tensor(found[field.name]) for field in fields(Transitions)))
+        dims = transitions.states.shape[1], transitions.actions.shape[1]
+        dataset = cls(*dims, holdout_fraction=float(found["holdout_fraction"]))
+        generator = th.Generator()
+        generator.set_state(th.as_tensor(found["generator"]))
+        vars(dataset).update(
+            transitions=transitions,
+            initial_states=th.as_tensor(found["initial_states"]),
+            lengths=found["lengths"].tolist(),
+            logged_lengths=found["logged_lengths"].tolist(),
+            _is_holdout=th.as_tensor(found["is_holdout"]),
+            _weights=th.as_tensor(found["weights"]),
+            _generator=generator,
+        )
+        return dataset
+
+
+def is_dataset(found: Mapping[str, Any]) -> bool:
+    """
+    :param found: in a ``.npz`` file, by name
+    :return: whether :meth:`TransitionDataset.save` has written it
+    """
+    return str(found.get("format")) == FILE_FORMAT
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    found = read_npz(path)
+    if not is_dataset(found):
+        raise ValueError(f"{path} holds {sorted(found)}: give a file that TransitionDataset.save has written")
+    if int(found["version"]) > FILE_VERSION:
+        raise ValueError(
+            f"{path} was written by a newer sb3_hucrl (version {found['version']} of the file, and this one reads up "
+            f"to {FILE_VERSION}): upgrade with pip install -U sb3_hucrl"
+        )
+    return found

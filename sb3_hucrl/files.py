@@ -12,6 +12,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedWriter
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+
+def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """
+    :param path: of a ``.npz`` file
+    :return: the arrays in it, by name; pickled objects, which could execute code, are refused
+    :raises FileNotFoundError: if there is no such file
+    :raises ValueError: if it is another file
+    """
+    try:
+        found = np.load(path, allow_pickle=False)
+        if isinstance(found, np.lib.npyio.NpzFile):
+            with found:
+                return dict(found)
+    except (ValueError, BadZipFile, EOFError) as error:
+        raise ValueError(f"{path} is no .npz file of plain arrays ({error}): write it with numpy.savez") from error
+    raise ValueError(f"{path} holds a single array: write all of them to a .npz file with numpy.savez")
 
 
 @contextmanager

@@ -32,6 +32,7 @@ SHORTER = {
     "learn(12_800": "learn(320",
     "learn(25_600": "learn(640",
     "learn(38_400": "learn(640",
+    "learn(128_000": "learn(320",
     "imagined_steps=6_400": "imagined_steps=320",
     "imagined_steps=12_800": "imagined_steps=320",
     "range(100)": "range(5)",
@@ -100,14 +101,14 @@ def test_every_extension_is_used() -> None:
         checked["Shaped"](width=0)
 
 
-@pytest.mark.parametrize("page", ["settings.md", "theory.md"])
+@pytest.mark.parametrize("page", ["logged_data.md", "settings.md", "theory.md"])
 def test_a_page_runs(page: str) -> None:
     for snippet in snippets(page):
         run(snippet)
 
 
 def test_no_page_is_forgotten() -> None:
-    tested = {"extending.md", "quick_start.md", "settings.md", "theory.md"}
+    tested = {"extending.md", "logged_data.md", "quick_start.md", "settings.md", "theory.md"}
     assert tested == {page.name for page in DOCS.glob("*.md") if "```python" in page.read_text()}
 
 

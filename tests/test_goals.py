@@ -10,6 +10,7 @@ import pytest
 import torch as th
 from gymnasium import spaces
 from gymnasium.wrappers import FlattenObservation
+from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.env_util import make_vec_env
 
 from helpers import small_callback, small_sac, state_of
@@ -90,6 +91,28 @@ def test_the_task_reads_and_pays_what_the_environment_does(sizes: dict[str, Any]
         observation = following
     np.testing.assert_allclose(earned, paid, atol=1e-5)
     assert len(set(paid)) > 1
+
+
+@pytest.mark.parametrize(("sizes", "room"), [(PART, 4), (APART, 6)])
+def test_training_begins_with_what_hindsight_replay_has_logged(sizes: dict[str, Any], room: int) -> None:
+    logger = SAC(
+        "MultiInputPolicy",
+        make_vec_env(ENV_ID, 2, seed=3, env_kwargs={"reward_type": "dense"}),
+        replay_buffer_class=HerReplayBuffer,
+        learning_starts=100,
+        buffer_size=1_000,
+        seed=0,
+    ).learn(100)
+    kwargs = {**sizes, "reward": "dense"}
+    callback = small_callback(transitions=logger.replay_buffer, initial_steps=None, task=TASK, task_kwargs=kwargs)
+    state = state_of(small_sac(slides(room, "dense")).learn(80, callback=callback))
+    assert (state.dataset.logged_lengths, state.dataset.lengths) == ([30, 20] * 2, [30])
+    buffer: Any = logger.replay_buffer
+    logged = state.dataset.transitions[:100]
+    for name, columns in (("desired_goal", slice(room, None)), ("observation", slice(room - 4, room))):
+        expected = np.concatenate([buffer.observations[name][:50, env] for env in range(2)])
+        np.testing.assert_allclose(logged.states[:, columns], expected, rtol=1e-6)
+    np.testing.assert_allclose(logged.rewards, buffer.rewards[:50].T.reshape(-1), rtol=1e-6)
 
 
 @pytest.mark.parametrize(("sizes", "room"), [(PART, 4), (APART, 6)])

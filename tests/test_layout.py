@@ -26,7 +26,9 @@ ROOMS = [
     ["exploration"],
     ["dynamics"],
     ["tasks"],
-    ["data", "files", "progress", "registry", "seeding", "spaces"],
+    ["logged"],
+    ["data"],
+    ["files", "progress", "registry", "seeding", "spaces"],
     ["checks"],
 ]
 #: what forwards the names that files of version 0.1 hold

@@ -92,15 +92,20 @@ class Diagnosis:
 
 def diagnose(run: ZooRun | ScriptRun) -> Diagnosis:
     """
-    :param run: finished, running or killed, with at least one real episode
+    :param run: finished, running or killed
+    :raises ValueError: if no real episode has been finished
     """
     state = run.state
+    state.require_real_episode()
     loop = run.loop(state)
     world, units = loop.begin_search(), Units(loop.problem.task)
     episodes = state.dataset.episodes
 
     def refit(known: int) -> DynamicsModel:
         copy = run.loop()
+        logged = state.dataset.logged_episodes
+        if logged:
+            copy.state.dataset.append_logged(logged, [True] * len(logged))
         for episode in episodes[:known]:
             copy.state.dataset.append_episode(episode)
         copy.refit()

@@ -20,7 +20,7 @@ class ExplorationMeasures:
     """
     :param returns: of all real episodes
     :param cells: that each real episode visited, of a grid over the first two principal components of visited states
-    :param new: how many of them no earlier one had visited
+    :param new: how many of them neither an earlier one nor logged data had visited
     """
 
     returns: list[float]
@@ -39,8 +39,9 @@ def measure_exploration(dataset: TransitionDataset, units: Units) -> Exploration
     :param units: of states
     """
     cells = visited_cells(units.features(dataset.transitions.states))
-    seen: set[int] = set()
-    counts, new, begin = [], [], 0
+    begin = dataset.logged_steps
+    seen = set(cells[:begin].tolist())
+    counts, new = [], []
     for length in dataset.lengths:
         here = set(cells[begin : begin + length].tolist())
         counts.append(len(here))

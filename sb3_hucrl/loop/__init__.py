@@ -3,6 +3,7 @@
 from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.budget import least_real_steps, search_length
 from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.loop import JUDGED, Loop
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import Report
@@ -29,6 +30,7 @@ __all__ = [
     "Search",
     "SearchSettings",
     "Settings",
+    "checked_transitions",
     "choose_policy",
     "least_real_steps",
     "random_actor",

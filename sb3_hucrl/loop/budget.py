@@ -10,6 +10,8 @@ FEW_STEPS = 200
 IMAGINED_PER_REAL = 64
 #: new real steps of a search that short episodes do not shorten
 FULL_SEARCH = 400
+#: logged steps that a first search grows with: more of them make the model better, and need no longer search
+MOST_LOGGED = 1_000
 
 
 @validated

@@ -17,6 +17,7 @@ from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.systems import Outcome, RealSystems
 from sb3_hucrl.progress import progress_bar
+from sb3_hucrl.tasks import Task
 
 #: how far beyond its limits an action may lie, as a fraction of their distance
 ACTION_ROUNDING = 1e-5
@@ -109,18 +110,10 @@ class _Episode:
             )
 
     def _finish(self, terminated: bool) -> Transitions:
-        task, observations = self._problem.task, th.as_tensor(np.stack(self._observations), dtype=th.float32)
-        states = task.state(observations)
-        ends = th.zeros(len(self._actions), dtype=th.bool)
-        ends[-1] = terminated
+        observations = th.as_tensor(np.stack(self._observations), dtype=th.float32)
+        actions = th.as_tensor(np.stack(self._actions), dtype=th.float32)
         rewards = th.tensor(self._rewards, dtype=th.float32)
-        transitions = Transitions(
-            states=states[:-1],
-            actions=th.as_tensor(np.stack(self._actions), dtype=th.float32),
-            next_states=task.record_outcomes(states[1:], rewards, ends),
-            rewards=rewards,
-            terminated=ends,
-        )
+        transitions = transitions_of(self._problem.task, observations, actions, rewards, terminated)
         if self._reality is not None:
             self._reality.check(observations, transitions)
         return transitions
@@ -150,6 +143,24 @@ class _Episode:
                 f"the real environment returned {broken} {where}: it must be finite in float32; correct it there"
             )
         return array
+
+
+def transitions_of(
+    task: Task, observations: th.Tensor, actions: th.Tensor, rewards: th.Tensor, terminated: bool
+) -> Transitions:
+    """
+    :param task: of the environment
+    :param observations: of an episode, o_0 to o_n, shape (n + 1, observation dimension)
+    :param actions: without a′, shape (n, q)
+    :param rewards: shape (n,)
+    :param terminated: whether it terminated in o_n
+    :return: the n transitions
+    """
+    states = task.state(observations)
+    ends = th.zeros(len(actions), dtype=th.bool)
+    ends[-1] = terminated
+    next_states = task.record_outcomes(states[1:], rewards, ends)
+    return Transitions(states[:-1], actions, next_states, rewards, ends)
 
 
 def _require_actions(actions: Array, count: int, space: spaces.Box) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from typing import Any
@@ -23,10 +23,12 @@ from sb3_hucrl.imagination import (
     imagined_return,
     trusted_horizon,
 )
+from sb3_hucrl.logged import LoggedEpisode
 from sb3_hucrl.loop.actors import random_actor
-from sb3_hucrl.loop.budget import least_real_steps, search_length
+from sb3_hucrl.loop.budget import MOST_LOGGED, least_real_steps, search_length
 from sb3_hucrl.loop.carried import follow_settings, make_model, origin_of
 from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.report import Report
@@ -143,6 +145,22 @@ class Loop:
                 f"{expected}: load a model that was trained on this environment"
             )
 
+    @validated
+    def add_logged(self, episodes: Sequence[LoggedEpisode]) -> None:
+        """
+        Learn from what was logged before the training, too. To be called before :meth:`begin`, once.
+
+        :param episodes: of this environment
+        :raises ValueError: if they are not, as far as that can be seen, or there are real transitions already
+        """
+        if len(self.state.dataset):
+            raise ValueError(
+                f"the loaded model has learned from {len(self.state.dataset):,} transitions: logged ones must be given "
+                "before these. Go on without them, or train a new model"
+            )
+        found = checked_transitions(self.problem, episodes)
+        self.state.dataset.append_logged(found, [episode.from_reset for episode in episodes])
+
     def begin(self) -> None:
         """
         Play the random real episodes that are still missing, and fit the model to what it has not seen. If that was
@@ -150,21 +168,29 @@ class Loop:
         """
         state, real = self.state, self.settings.real
         act = random_actor(self.problem.action_space, state.generator)
-        if state.fitted_steps == 0:
-            while self._misses(real.initial_episodes, real.initial_steps):
+        if state.fitted_steps == 0 and self._begins_at_random:
+            while self._misses(real.initial_episodes or 1, real.initial_steps):
                 self.play(act)
         if self._unseen_steps and not self._is_between_episodes:
             self.refit()
 
     @property
+    def _begins_at_random(self) -> bool:
+        """Whether there are random real episodes: with logged data only where the settings ask for them."""
+        real = self.settings.real
+        asked = real.initial_episodes is not None or real.initial_steps is not None
+        return asked or self.state.dataset.logged_steps == 0
+
+    @property
     def _unseen_steps(self) -> int:
-        """Real steps that the model has not been fitted to."""
+        """Transitions that the model has not been fitted to."""
         return len(self.state.dataset) - self.state.fitted_steps
 
     def _misses(self, episodes: int, steps: int | None) -> bool:
         """Whether there must be more real episodes before the next refit."""
-        unseen = sum(end > self.state.fitted_steps for end in accumulate(self.state.dataset.lengths))
-        return unseen < episodes or self._unseen_steps < self._budget(steps)
+        fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
+        unseen = sum(end > fitted for end in accumulate(self.state.dataset.lengths))
+        return unseen < episodes or self.state.real_steps - fitted < self._budget(steps)
 
     @property
     def _is_between_episodes(self) -> bool:
@@ -181,7 +207,7 @@ class Loop:
     def progress(self) -> float:
         """Fraction of the ``max_real_steps`` that are used up; 0 where there is no such number."""
         most = self.settings.real.max_real_steps
-        return 0.0 if most is None else len(self.state.dataset) / most
+        return 0.0 if most is None else self.state.real_steps / most
 
     @property
     def finished(self) -> bool:
@@ -301,9 +327,14 @@ class Loop:
         """Fit the dynamics model to all real transitions, and report."""
         started, state = time.perf_counter(), self.state
         fit = self._fit()
-        state.new_steps = self._unseen_steps
+        uncounted = max(0, state.dataset.logged_steps - MOST_LOGGED) if state.fitted_steps == 0 else 0
+        state.new_steps = self._unseen_steps - uncounted
         state.fitted_steps = len(state.dataset)
-        self._note("real", {"episode": state.real_episodes, "steps": len(state.dataset), "return": state.last_return})
+        self._note("real", {"episode": state.real_episodes, "steps": state.real_steps})
+        if state.real_episodes > 0:
+            self._note("real", {"return": state.last_return})
+        if state.dataset.logged_steps > 0:
+            self._note("logged", {"steps": state.dataset.logged_steps})
         self._note("time", {"rollout_seconds": self._rollout_seconds, "fit_seconds": time.perf_counter() - started})
         self._on_refit(Report(self._scalars, fit))
         self._scalars, self._rollout_seconds = {}, 0.0

@@ -1,4 +1,4 @@
-"""The task against the real environment: whether both agree on what happened in the first real episodes."""
+"""The task against the real environment: whether both agree on what happened in its episodes, real or logged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RealEpisode:
     """
     What the real environment gave in one episode.
 
-    :param number: of the episode in this training, from 1
+    :param number: of the episode in this training, or in the logged data, from 1
     :param observations: o_0 to o_n, shape (n + 1, observation dimension)
     :param transitions: the n of them
     """
@@ -41,10 +41,12 @@ class Reality:
     differ, imagination would optimise something else than what real episodes pay.
 
     :param problem: with the task
+    :param logged: whether the episodes were logged before the training: then all of them are compared, because others
+        may have other causes, and the comparison takes no real steps
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, logged: bool = False) -> None:
+        self._problem, self._logged = problem, logged
         self._episodes = self._steps = 0
 
     def check(self, observations: th.Tensor, transitions: Transitions) -> None:
@@ -53,7 +55,7 @@ class Reality:
         :param transitions: the n of them
         :raises ValueError: if the task says anything else than the environment, beyond rounding
         """
-        if self._episodes >= EPISODES and self._steps >= STEPS:
+        if not self._logged and self._episodes >= EPISODES and self._steps >= STEPS:
             return
         episode = RealEpisode(self._episodes + 1, observations, transitions)
         self._compare_observations(episode)
@@ -138,15 +140,22 @@ class Reality:
         self, episode: RealEpisode, step: int, what: str, told: th.Tensor, given: th.Tensor, cause: str
     ) -> None:
         problem = self._problem
-        if problem.wrappers:
+        kind, giver, remedy = "real", "the environment gave", "take that away"
+        if self._logged:
+            kind, giver, remedy = "logged", "the data say", "give what this environment itself gives and takes"
+            cause = (
+                "another environment, or another version or other arguments of it, or data that were changed: "
+                "normalised observations or rewards, actions in other units"
+            )
+        elif problem.wrappers:
             cause = f"what lies around the environment: {', '.join(problem.wrappers)}"
         width, room = problem.observation_space.shape[0], ""
         if 0 < problem.action_space.shape[0] - problem.action_dim != width:
             room = f" with HallucinationWrapper(env, hallucinated_dim={width})"
         raise ValueError(
-            f"task is {type(problem.task).__name__}, whose {what} is {_shown(told)} at step {step} of real episode "
-            f"{episode.number}, where the environment gave {_shown(given)}: the likely cause is {cause}; take that "
-            f"away, correct the task or its arguments, or learn it, task: learned{room}"
+            f"task is {type(problem.task).__name__}, whose {what} is {_shown(told)} at step {step} of {kind} episode "
+            f"{episode.number}, where {giver} {_shown(given)}: the likely cause is {cause}; {remedy}, correct the task "
+            f"or its arguments, or learn it, task: learned{room}"
         )
 
 

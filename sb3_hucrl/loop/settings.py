@@ -36,7 +36,8 @@ class RealSettings:
     """
     Real episodes. They are played in rounds of ``real_envs`` at once, so that there may be a few more than asked for.
 
-    :param initial_episodes: random ones before the first search, at least 1
+    :param initial_episodes: random ones before the first search, at least 1; None for 1, or for none where there are
+        logged data and no ``initial_steps``
     :param initial_steps: steps that these have together, at least; None for one full-length episode, or 200 steps if
         that is less
     :param real_episodes: after each search, at least 1
@@ -48,7 +49,7 @@ class RealSettings:
     :raises ValueError: if a number is out of its range
     """
 
-    initial_episodes: Count = 1
+    initial_episodes: Count | None = None
     initial_steps: Count | None = None
     real_episodes: Count = 1
     real_steps: Count | None = None

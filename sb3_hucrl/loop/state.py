@@ -74,12 +74,13 @@ class HUCRLState:
     Everything that must survive saving and loading. The callback keeps it as an attribute of the SB3 algorithm
     (``model.hucrl``), so that it travels in the algorithm's zip file; there it is always on the CPU.
 
-    :param dataset: every real transition
+    :param dataset: every real transition, logged ones included
     :param dynamics: the model fitted to them
     :param generator: the source of the loop's randomness, on the CPU
     :param last_return: return of the latest real episode; mean of those that were played at once
-    :param fitted_steps: number of real steps that the dynamics model was last fitted to
-    :param new_steps: number of those that it had not been fitted to before; None in files of earlier versions
+    :param fitted_steps: number of transitions that the dynamics model was last fitted to, logged ones included
+    :param new_steps: number of those that it had not been fitted to before, as far as they make the search longer; None
+        in files of earlier versions
     :param search_start: number of timesteps at which the search for the next real episodes began; None in files of
         earlier versions
     :param promised_returns: one for each real episode that a policy played, the first of those played at once
@@ -139,6 +140,18 @@ class HUCRLState:
     def real_episodes(self) -> int:
         """Number of real episodes so far."""
         return len(self.dataset.lengths)
+
+    @property
+    def real_steps(self) -> int:
+        """Number of real steps so far, without the logged ones."""
+        return sum(self.dataset.lengths)
+
+    def require_real_episode(self) -> None:
+        """
+        :raises ValueError: if there is none yet, which is so while logged data are all that was learned from
+        """
+        if self.real_episodes == 0:
+            raise ValueError("no real episode has been finished yet: wait for the end of the first search")
 
     def remember_imagined(self, imagined: ImaginedEpisode) -> None:
         """

@@ -42,5 +42,5 @@ def draw_progress(run: ZooRun, picture: Path) -> None:
     axes[1, 1].set_yscale("log")
     for axis in axes[1]:
         axis.set_xlabel("real episode")
-    figure.suptitle(f"{run.folder}: {len(run.state.dataset):,} real steps")
+    figure.suptitle(f"{run.folder}: {run.state.real_steps:,} real steps")
     figure.savefig(picture, dpi=130)

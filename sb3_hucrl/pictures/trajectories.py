@@ -13,7 +13,9 @@ def trajectories(state: HUCRLState) -> pd.DataFrame:
     """
     :param state: of a run
     :return: one row for each step; an imagined episode has the number of the real one that follows it
+    :raises ValueError: if no real episode has been finished
     """
+    state.require_real_episode()
     parts = [_rows("real", number, episode) for number, episode in enumerate(state.dataset.episodes, 1)]
     imagined = [_rows("imagined", each.real_episode, each.transitions) for each in state.imagined_episodes]
     return pd.concat([*parts, *imagined])

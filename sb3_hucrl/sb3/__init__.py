@@ -3,6 +3,7 @@
 from sb3_hucrl.sb3.actors import planner_actor, policy_actor
 from sb3_hucrl.sb3.checkpoint import Checkpoint, save_atomically
 from sb3_hucrl.sb3.curve import Curve, Row, progress_rows, saved_curve
+from sb3_hucrl.sb3.logged import LoggedSource, read_logged
 from sb3_hucrl.sb3.logging import TrainingLog
 from sb3_hucrl.sb3.loop import make_loop
 from sb3_hucrl.sb3.normalization import reward_unit, saved_normalization
@@ -18,6 +19,7 @@ from sb3_hucrl.sb3.state import attach_state, get_state
 __all__ = [
     "Checkpoint",
     "Curve",
+    "LoggedSource",
     "MixedReplayBuffer",
     "Parameters",
     "Row",
@@ -35,6 +37,7 @@ __all__ = [
     "policy_actor",
     "previous_path",
     "progress_rows",
+    "read_logged",
     "read_problem",
     "real_systems",
     "require_place",

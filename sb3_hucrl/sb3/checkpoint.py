@@ -60,7 +60,7 @@ class Checkpoint:
         if not path.is_file():
             return None
         held, state = real_steps_in(path), get_state(self._model)
-        own = 0 if state is None else len(state.dataset)
+        own = 0 if state is None else state.real_steps
         if held is not None and held <= own:
             return None
         names = (path.with_name(f"{path.stem}.kept_{number}{path.suffix}") for number in itertools.count(1))

@@ -137,7 +137,7 @@ def _whole(whole: Curve, state: HUCRLState | None) -> Curve:
         or [
             {"real/episode": number, "real/steps": steps, "real/return": value}
             for number, (steps, value) in enumerate(seen, 1)
-            if steps <= state.fitted_steps
+            if steps + state.dataset.logged_steps <= state.fitted_steps
         ],
         monitor=[
             {"r": round(value, 6), "l": length, "t": round(number * TICK, 6)}

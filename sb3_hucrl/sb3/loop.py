@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_hucrl.loop import HUCRLState, Loop, Report, Settings
 from sb3_hucrl.sb3.curve import carried_lines, monitor_recorder, plain
+from sb3_hucrl.sb3.logged import LoggedSource, read_logged
 from sb3_hucrl.sb3.normalization import carry_normalization
 from sb3_hucrl.sb3.stack import read_problem, read_spec, real_systems
 from sb3_hucrl.sb3.state import attach_state, get_state
@@ -21,6 +22,7 @@ def make_loop(
     model: BaseAlgorithm,
     env: ImaginationVecEnv,
     settings: Settings,
+    logged: LoggedSource | None,
     on_episode: Callable[[], None],
     on_refit: Callable[[Report], None],
     verbose: int,
@@ -31,6 +33,7 @@ def make_loop(
     :param model: in training
     :param env: the ImaginationVecEnv that it trains on
     :param settings: of the loop
+    :param logged: transitions to begin with; not read where the algorithm carries some
     :param on_episode: called after each real episode, or each round of those played at once
     :param on_refit: called with a report after each refit
     :param verbose: 1 prints what is resumed
@@ -48,6 +51,8 @@ def make_loop(
         on_episode()
 
     loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
+    if logged is not None and loop.state.dataset.logged_steps == 0:
+        loop.add_logged(read_logged(logged, problem.task))
     carry_normalization(model)
     _note_environment(loop.state, env.venv)
     # A search that was interrupted goes on, unless timesteps are counted from 0 again.
@@ -56,7 +61,9 @@ def make_loop(
     if carried is None:
         attach_state(model, loop.state)
     elif verbose > 0:
-        kept = f"{carried.real_episodes} real episodes, {len(carried.dataset)} real steps"
+        kept = f"{carried.real_episodes} real episodes, {carried.real_steps} real steps"
+        if carried.dataset.logged_steps > 0:
+            kept += f", {carried.dataset.logged_steps} logged steps"
         print(f"Resuming with {kept}; what follows differs from a run that was not interrupted")
     return loop
 

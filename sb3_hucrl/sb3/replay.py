@@ -65,7 +65,7 @@ def real_buffer(
     buffer.actions[:n, 0] = 2 * (actions - action_space.low) / (action_space.high - action_space.low) - 1
     buffer.rewards[:n, 0] = real.rewards.numpy()
     last = np.zeros(n, dtype=bool)
-    last[np.cumsum(dataset.lengths) - 1] = True
+    last[np.array(dataset.ends) - 1] = True
     terminated = real.terminated.numpy()
     buffer.dones[:n, 0] = last
     buffer.timeouts[:n, 0] = last & ~terminated

@@ -76,7 +76,7 @@ def real_steps_in(path: Path) -> int | None:
         state = read_attribute(path, ATTRIBUTE)
     except Exception:  # whatever the classes in it raise: the caller asks whether it may be overwritten
         return None
-    return None if state is None else len(state.dataset)
+    return None if state is None else state.real_steps
 
 
 def _read_data(path: Path) -> dict[str, Any]:

@@ -80,8 +80,8 @@ class RealStepsRecorder(BaseCallback):
 
     def _record(self) -> None:
         state = get_state(self.model)
-        if state is not None and len(state.dataset) != self._recorded:
-            self._recorded = len(state.dataset)
+        if state is not None and state.real_steps != self._recorded:
+            self._recorded = state.real_steps
             self._trial.set_user_attr("real_steps", self._recorded)
 
     def _on_rollout_start(self) -> None:
