@@ -1,12 +1,23 @@
 """Settings of the documentation: ``make docs`` builds it, without a network."""
 
+from pathlib import Path
+
 from sb3_hucrl import __version__, checks
 
 project = "sb3_hucrl"
 version = release = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 exclude_patterns = ["_build"]
+
+# Tutorials are notebooks. They are executed once, and again when their code changes; tests/test_tutorials.py executes
+# them as well, and leaves the outputs here.
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(Path(__file__).parent / "_build" / "notebooks")
+nb_execution_in_temp = True
+nb_execution_timeout = 600
+nb_execution_raise_on_error = True
+nb_merge_streams = True
 
 # Links such as results.md#calibration.
 myst_heading_anchors = 3
