@@ -68,6 +68,9 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     assert settings.pop("standardise") is True
     assert settings.pop("max_real_steps") is None
     assert settings.pop("real_envs") == 1
+    # Without logged data, one random episode.
+    assert settings.pop("transitions") is None
+    settings["initial_episodes"] = settings["initial_episodes"] or 1
     strategy = STRATEGIES.resolve(settings["exploration"])
     settings["exploration_kwargs"] = {**defaults(strategy), **(settings["exploration_kwargs"] or {})}
     # Every search has trajectories without a′ by now.
