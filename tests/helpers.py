@@ -157,7 +157,8 @@ def small_callback(**kwargs: Any) -> HUCRLCallback:
 def small_sac(env: VecEnv | None = None, seed: int = 0, **kwargs: Any) -> SAC:
     """SAC that learns little, but fast."""
     settings: dict[str, Any] = {"batch_size": 16, "policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000}
-    return SAC("MlpPolicy", env or imagination_env(), seed=seed, device="cpu", **{**settings, **kwargs})
+    settings |= {"device": "cpu"} | kwargs
+    return SAC("MlpPolicy", env or imagination_env(), seed=seed, **settings)
 
 
 def random_actions(n: int, dim: int, seed: int = 0) -> np.ndarray:

@@ -163,7 +163,8 @@ class Ensemble(DeltaModel):
         batches = th.randint(
             len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
         ).to(self.device)
-        losses = th.zeros(self.gradient_steps)
+        # On the device: a GPU need not be waited for in every step.
+        losses = th.zeros(self.gradient_steps, device=self.device)
         advance = begin_phase("fit", self.gradient_steps)
         for step, batch in enumerate(batches):
             residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
