@@ -46,8 +46,9 @@ def random_dataset(steps: int) -> TransitionDataset:
 def measure(width: int, batch: int, device: th.device, dataset: TransitionDataset) -> tuple[float, float]:
     """Seconds of one prediction of a batch, and of one gradient step of the fit."""
     fitted_steps = 50
-    settings = {"net_arch": [width] * 3, "layer_norm": True, "batch_size": batch, "gradient_steps": fitted_steps}
-    model = DeterministicEnsemble(STATE_DIM, ACTION_DIM, **settings).to(device)
+    model = DeterministicEnsemble(
+        STATE_DIM, ACTION_DIM, net_arch=[width] * 3, layer_norm=True, batch_size=batch, gradient_steps=fitted_steps
+    ).to(device)
     seed = th.Generator().manual_seed(0)
     fit = seconds_per_call(lambda: model.fit(dataset, seed), 1, device) / fitted_steps
     state = th.randn(batch, STATE_DIM, device=device)

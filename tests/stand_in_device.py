@@ -37,23 +37,25 @@ Generator = th.Generator
 class There(th.Tensor):
     """A tensor on the device."""
 
-    inner: th.Tensor
+    content: th.Tensor
 
     @staticmethod
     def __new__(cls, inner: th.Tensor) -> There:
-        layout = {"strides": inner.stride(), "storage_offset": inner.storage_offset(), "dtype": inner.dtype}
+        layout: Any = {"strides": inner.stride(), "storage_offset": inner.storage_offset(), "dtype": inner.dtype}
         made: There = th.Tensor._make_wrapper_subclass(cls, inner.shape, **layout, device=th.device(NAME, 0))
-        made.inner = inner
+        made.content = inner
         return made
 
     @classmethod
-    def __torch_dispatch__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+    def __torch_dispatch__(  # type: ignore[override]  # PyTorch's annotation is not that of a class method
+        cls, func: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
         return run(func, args, kwargs or {})
 
     # What PyTorch does for its own devices, and not for classes such as this one:
 
-    def __repr__(self, **kwargs: Any) -> str:
-        return f"There({self.inner!r})"
+    def __repr__(self, **kwargs: Any) -> str:  # type: ignore[override]  # PyTorch's has no annotation
+        return f"There({self.content!r})"
 
     def __format__(self, spec: str) -> str:
         return format(self.detach().cpu(), spec)
@@ -96,7 +98,7 @@ def run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
     generators = [each for each in (*args, *kwargs.values()) if isinstance(each, Generator)]
     if any((each.initial_seed() >= ITS_SEED) != gives for each in generators):
         raise RuntimeError(f"expected a generator of the same device: {func}")
-    inner = tree_map(lambda each: each.inner if isinstance(each, There) else each, (args, kwargs))
+    inner = tree_map(lambda each: each.content if isinstance(each, There) else each, (args, kwargs))
     results = func(*inner[0], **inner[1])
     if func is aten.copy_.default:
         return args[0]
@@ -109,12 +111,17 @@ def run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
 class Dispatch(TorchDispatchMode):
     """Operations without a tensor of the device, such as those that make one."""
 
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]  # PyTorch's has no annotation
+
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         return run(func, args, kwargs or {})
 
 
 class EitherGenerator(Generator):
     """A generator that may be on the device."""
+
+    offset: int
 
     def __new__(cls, device: Any = "cpu") -> EitherGenerator:
         made = super().__new__(cls)
@@ -141,12 +148,12 @@ def install() -> None:
     """Make the device known to PyTorch. These functions of its have no place for a class such as ours."""
     _setup_privateuseone_for_python_backend(NAME)
     th.__future__.set_swap_module_params_on_conversion(True)
-    th.Generator = EitherGenerator  # type: ignore[misc, assignment]
+    vars(th)["Generator"] = EitherGenerator
     th.as_tensor, th.tensor = on_device(th.as_tensor), on_device(th.tensor)
     # Inference mode knows no classes such as ours.
     plain: Any = contextlib.nullcontext
-    th.inference_mode = (  # type: ignore[assignment, misc]
-        lambda mode=True: th.no_grad()(mode) if callable(mode) else th.no_grad() if mode else plain()
+    vars(th)["inference_mode"] = lambda mode=True: (
+        th.no_grad()(mode) if callable(mode) else th.no_grad() if mode else plain()
     )
 
 
