@@ -8,10 +8,9 @@ project = "sb3_hucrl"
 version = release = __version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "jupyter_execute"]
 
-# Tutorials are notebooks. They are executed once, and again when their code changes; tests/test_tutorials.py executes
-# them as well, and leaves the outputs here.
+# Tutorials are notebooks. They are executed once, and again when their code changes.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(Path(__file__).parent / "_build" / "notebooks")
 nb_execution_in_temp = True
