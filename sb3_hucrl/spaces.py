@@ -100,3 +100,12 @@ def require_action(action: npt.ArrayLike, action_space: spaces.Space[Any]) -> No
             "policy, make the environment with the same hallucinate, hallucinated_dim and HallucinationWrapper as for "
             "its training"
         )
+
+
+def first_dims(space: spaces.Box, dim: int) -> spaces.Box:
+    """
+    :param space: of (a, a′)
+    :param dim: q, the number of real dimensions
+    :return: the space of a
+    """
+    return spaces.Box(space.low[:dim], space.high[:dim], dtype=space.low.dtype.type)

@@ -355,3 +355,12 @@ def test_a_training_that_ends_with_real_steps_ends_sooner(monkeypatch: pytest.Mo
     model.learn(8_000, callback=small_callback(max_real_steps=60), progress_bar=True)
     assert left[0] == (156, 80)
     assert left[-1] == (0, 80)
+
+
+def test_logged_steps_do_not_count_as_real_ones_that_end_a_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    left: list[tuple[float, int]] = []
+    monkeypatch.setattr(bar._TimeLeft, "estimate", lambda self, *steps: left.append(steps))
+    callback = small_callback(max_real_steps=60, transitions=pendulum_dataset(100))
+    quick_sac().learn(8_000, callback=callback, progress_bar=True)
+    assert left[0][0] > 0
+    assert left[-1][0] == 0

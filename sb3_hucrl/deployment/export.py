@@ -15,7 +15,7 @@ from sb3_hucrl.deployment.layers import Dense, Layers, Network, Scaling
 from sb3_hucrl.deployment.parts import ActorParts
 from sb3_hucrl.deployment.standalone import make_algorithm
 from sb3_hucrl.sb3 import Normalization, carried_normalization, get_state, real_steps_in, save_atomically
-from sb3_hucrl.spaces import require_bounded_box, require_vector_observation
+from sb3_hucrl.spaces import first_dims, require_bounded_box, require_vector_observation
 
 #: number of observations on which both policies must agree, and their range in standard deviations
 CHECKED, RANGE = 256, 3.0
@@ -52,7 +52,7 @@ def export(model: BaseAlgorithm, path: str | Path) -> BaseAlgorithm:
     file = _free(Path(path))
     normalization = carried_normalization(model)
     observations = require_vector_observation(model.observation_space)
-    actions = _real_actions(require_bounded_box(model.action_space), state.dataset.action_dim)
+    actions = first_dims(require_bounded_box(model.action_space), state.dataset.action_dim)
     exported = _without_hallucination(parts, normalization, observations, actions)
     _require_the_same(model, normalization, exported)
     save_atomically(exported, file)
@@ -66,10 +66,6 @@ def _free(path: Path) -> Path:
             f"{file} holds a training with its data, which the exported policy would replace: give another path"
         )
     return file
-
-
-def _real_actions(actions: spaces.Box, dim: int) -> spaces.Box:
-    return spaces.Box(actions.low[:dim], actions.high[:dim], dtype=actions.low.dtype.type)
 
 
 def _without_hallucination(

@@ -11,7 +11,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.loop.settings import ModelSettings
-from sb3_hucrl.spaces import TIME_LIMIT, require_bounded_box, require_vector_observation
+from sb3_hucrl.spaces import TIME_LIMIT, first_dims, require_bounded_box, require_vector_observation
 from sb3_hucrl.tasks import Task, check_task, resolve_task
 from sb3_hucrl.tasks.registry import TWIN_PREFIX
 
@@ -57,8 +57,7 @@ class Problem:
     @property
     def real_action_space(self) -> spaces.Box:
         """Of a alone."""
-        box, q = self.action_space, self.action_dim
-        return spaces.Box(box.low[:q], box.high[:q], dtype=box.low.dtype.type)
+        return first_dims(self.action_space, self.action_dim)
 
     @classmethod
     def from_spaces(

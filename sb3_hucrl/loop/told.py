@@ -12,7 +12,7 @@ import torch as th
 
 from sb3_hucrl.checks import Location, validated
 from sb3_hucrl.data import Transitions
-from sb3_hucrl.files import replacing
+from sb3_hucrl.files import read_npz, replacing
 from sb3_hucrl.loop.episodes import EpisodeRecorder, require_actions
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
@@ -95,8 +95,7 @@ class Episode:
         :raises ValueError: if it is no such file
         """
         try:
-            with np.load(path, allow_pickle=False) as saved:
-                found = {name: saved[name] for name in saved.files}
+            found = read_npz(Path(path))
             version = int(found.pop("format"))
             if version > FORMAT:
                 raise ValueError(f"format {version}, and this version reads up to {FORMAT}")

@@ -67,7 +67,7 @@ class TrainingBar:
         most, played = loop.settings.real.max_real_steps, loop.state.new_steps
         if most is None or not played:
             return left
-        rounds = -(-(most - len(loop.state.dataset)) // played)
+        rounds = -(-(most - loop.state.real_steps) // played)
         return max(0, min(left, rounds * search_length - self._search.steps))
 
     def refresh(self) -> None:
