@@ -1,5 +1,8 @@
 """Ensembles of networks."""
 
+import math
+from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -58,10 +61,13 @@ def test_aleatoric_std_finds_the_noise_of_the_data() -> None:
     assert float(error[1]) < 0.06
 
 
-def test_deterministic_ensemble_finds_the_noise_of_the_data() -> None:
+@pytest.mark.parametrize("impacts", [0.0, 0.02])
+def test_deterministic_ensemble_finds_the_noise_of_the_data_and_not_that_of_rare_impacts(impacts: float) -> None:
     model = DeterministicEnsemble(2, 1, (0,), generator=th.Generator().manual_seed(0))
-    clean = random_transitions(2_000)
-    noise = th.tensor([0.0, 0.3]) * th.randn(2_000, 2, generator=th.Generator().manual_seed(1))
+    clean, generator = random_transitions(2_000), th.Generator().manual_seed(1)
+    noise = th.tensor([0.0, 0.3]) * th.randn(2_000, 2, generator=generator)
+    # Without the normal noise's share, these alone have a standard deviation of 0.5.
+    noise[:, 1] += 3.5 * (th.rand(2_000, generator=generator) < impacts)
     dataset = TransitionDataset(2, 1)
     dataset.append_episode(
         Transitions(clean.states, clean.actions, clean.next_states + noise, clean.rewards, clean.terminated)
@@ -169,6 +175,25 @@ def test_weights_decay_if_asked_for() -> None:
         model.fit(pendulum_dataset(100), th.Generator().manual_seed(0))
         sizes.append(float(th.nn.utils.parameters_to_vector(model.parameters()).norm()))
     assert sizes[1] < 0.9 * sizes[0]
+
+
+def test_refits_are_as_long_as_there_are_new_transitions(monkeypatch: pytest.MonkeyPatch) -> None:
+    phases: list[int] = []
+
+    def begin_phase(name: str, total: int) -> Callable[[int], None]:
+        phases.append(total)
+        return lambda _: None
+
+    monkeypatch.setattr("sb3_hucrl.dynamics.ensemble.begin_phase", begin_phase)
+    model, dataset = ensemble(gradient_steps=60, steps_per_transition=0.5), pendulum_dataset(100)
+    trained_on = [0]
+    for new in (40, 400, 0):
+        model.fit(dataset, th.Generator().manual_seed(0))
+        trained_on.append(len(dataset.train))
+        if new:
+            dataset.append_episode(random_transitions(new, seed=new))
+    first, second = (math.ceil(0.5 * (after - before)) for before, after in pairwise(trained_on[:3]))
+    assert phases == [first, second, 60]
 
 
 def test_gradients_go_to_states_and_actions_and_not_to_a_fitted_model() -> None:

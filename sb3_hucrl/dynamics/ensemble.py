@@ -20,6 +20,8 @@ from sb3_hucrl.progress import begin_phase
 
 # Bounds of the noise variance of a standardised target: its noise std is 0.7 % to 160 % of its own std.
 MIN_VARIANCE, MAX_VARIANCE = 5e-5, 2.7
+# Median of the square of a standard normal variable.
+MEDIAN_OF_CHI_SQUARE = 0.4549
 Members: TypeAlias = Annotated[int, Field(ge=2, description="an integer of at least 2: one member cannot disagree")]
 
 
@@ -38,7 +40,9 @@ class Ensemble(DeltaModel):
     :param net_arch: widths of the hidden layers
     :param learning_rate: learning rate of Adam
     :param batch_size: transitions per member and gradient step
-    :param gradient_steps: gradient steps per fit
+    :param gradient_steps: gradient steps per fit, at most
+    :param steps_per_transition: gradient steps for each transition that is new since the last fit, so that frequent
+        refits stay short; None for ``gradient_steps`` in each fit
     :param layer_norm: whether hidden layers are normalised
     :param weight_decay: of AdamW, per gradient step and learning rate
     :param bootstrap: whether each member weights the transitions differently
@@ -49,6 +53,9 @@ class Ensemble(DeltaModel):
 
     #: of ensembles in files of earlier versions
     weight_decay = 0.0
+    steps_per_transition: float | None = None
+    #: number of transitions of the last fit
+    fitted = 0
     #: network outputs per state dimension
     outputs_per_dim: int
 
@@ -62,6 +69,7 @@ class Ensemble(DeltaModel):
         learning_rate: Positive = 1e-3,
         batch_size: Count = 64,
         gradient_steps: Count = 1_000,
+        steps_per_transition: Positive | None = None,
         layer_norm: bool = False,
         weight_decay: NotNegative = 0.0,
         bootstrap: bool = True,
@@ -72,7 +80,8 @@ class Ensemble(DeltaModel):
         self.num_members = num_members
         self.learning_rate = learning_rate
         self.batch_size = batch_size
-        self.gradient_steps, self.weight_decay = gradient_steps, weight_decay
+        self.gradient_steps, self.steps_per_transition = gradient_steps, steps_per_transition
+        self.weight_decay = weight_decay
         self.bootstrap = bootstrap
         self.networks = BatchedNetworks(
             num_members, self.input_dim, net_arch, self.outputs_per_dim * state_dim, generator, layer_norm
@@ -148,6 +157,12 @@ class Ensemble(DeltaModel):
             raise ArgumentError.of_value("index", index, f"one from 0 to {self.num_members - 1}")
         return SampledModel(self, partial(self._member_moments, index))
 
+    def _steps(self, transitions: int) -> int:
+        if self.steps_per_transition is None:
+            return self.gradient_steps
+        new = max(1, transitions - self.fitted)
+        return min(self.gradient_steps, math.ceil(self.steps_per_transition * new))
+
     def _learn(
         self, inputs: th.Tensor, deltas: th.Tensor, dataset: TransitionDataset, generator: th.Generator
     ) -> float:
@@ -160,12 +175,12 @@ class Ensemble(DeltaModel):
         self.requires_grad_(True)
         optimizer = th.optim.AdamW(self.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay, fused=True)
         member = th.arange(self.num_members, device=self.device).unsqueeze(1)
-        batches = th.randint(
-            len(inputs), (self.gradient_steps, self.num_members, self.batch_size), generator=generator
-        ).to(self.device)
+        steps = self._steps(len(inputs))
+        batches = th.randint(len(inputs), (steps, self.num_members, self.batch_size), generator=generator)
+        batches = batches.to(self.device)
         # On the device: a GPU need not be waited for in every step.
-        losses = th.zeros(self.gradient_steps, device=self.device)
-        advance = begin_phase("fit", self.gradient_steps)
+        losses = th.zeros(steps, device=self.device)
+        advance = begin_phase("fit", steps)
         for step, batch in enumerate(batches):
             residuals = self._loss(self.networks(inputs[batch]), deltas[batch])
             loss = (weights[member, batch] * residuals).mean(dim=1).sum()
@@ -176,11 +191,12 @@ class Ensemble(DeltaModel):
             advance(1)
         # Whoever differentiates predictions does so by states and actions.
         self.requires_grad_(False)
-        train_loss = float(losses[-max(1, self.gradient_steps // 10) :].mean()) / self.num_members
+        train_loss = float(losses[-max(1, steps // 10) :].mean()) / self.num_members
         if not math.isfinite(train_loss):
             raise ValueError(
                 f"the ensemble's training loss is {train_loss}: lower learning_rate (now {self.learning_rate})"
             )
+        self.fitted = len(inputs)
         self._after_fit(inputs, deltas)
         return train_loss
 
@@ -208,8 +224,9 @@ class ProbabilisticEnsemble(Ensemble):
 @validated
 class DeterministicEnsemble(Ensemble):
     """
-    Each member predicts a point by least squares. The aleatoric noise is constant: the training residuals' variance.
-    The arguments are those of :class:`Ensemble`.
+    Each member predicts a point by least squares. The aleatoric noise is constant: that of a normal distribution with
+    the median of the training residuals. A few large ones, such as those of impacts, are not noise that is there in
+    every state. The arguments are those of :class:`Ensemble`.
     """
 
     outputs_per_dim = 1
@@ -230,4 +247,5 @@ class DeterministicEnsemble(Ensemble):
     @th.no_grad()
     def _after_fit(self, inputs: th.Tensor, deltas: th.Tensor) -> None:
         residual = deltas - self._moments(inputs).mean
-        self.residual_variance.copy_(residual.square().mean(dim=0).clamp(min=MIN_VARIANCE))
+        median = residual.square().median(dim=0).values
+        self.residual_variance.copy_((median / MEDIAN_OF_CHI_SQUARE).clamp(min=MIN_VARIANCE))
