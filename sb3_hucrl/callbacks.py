@@ -22,8 +22,7 @@ class HUCRLCallback(BaseCallback):
     Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
 
     It plays ``initial_episodes`` random real episodes, or reads ``transitions``, and fits the dynamics model. After
-    every ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′) and refits the model.
-    Early ones sample the policy, whose mode may not move at all; later ones play the mode of the best policy so far.
+    ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′), refits the model, and so on.
 
     ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
     ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`) in the model's zip file: a loaded model goes on where it was.
@@ -43,7 +42,8 @@ class HUCRLCallback(BaseCallback):
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
     :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
     :param max_real_steps: stop training after the first real episode that reaches so many real steps; by default never
-    :param sampling_fraction: fraction of the training in which real episodes sample the policy, in [0, 1]
+    :param whole_episodes: False: let real episodes wait for refits and searches, after exactly ``real_steps``
+    :param sampling_fraction: of the training, in which real episodes sample the policy; later the best mode plays
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
     :param stale_fraction: fraction of the replay buffer kept after a refit, newest first, in [0, 1]
@@ -77,6 +77,7 @@ class HUCRLCallback(BaseCallback):
         real_steps: int | None = None,
         real_envs: int = 1,
         max_real_steps: int | None = None,
+        whole_episodes: bool = True,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
@@ -95,7 +96,7 @@ class HUCRLCallback(BaseCallback):
         played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
         searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
         self.settings = Settings(
-            RealSettings(*played, sampling_fraction, reward_threshold),
+            RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes),
             SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),

@@ -91,13 +91,15 @@ class TransitionDataset:
         self.lengths: list[int] = []
         #: the same of the logged ones, which come first in :attr:`transitions`
         self.logged_lengths: list[int] = []
+        #: number of transitions of the training's own episode that is under way, which come last
+        self.under_way = 0
         self._is_holdout = th.zeros(0, dtype=th.bool)
         self._weights = th.zeros(0, 0)
         self._generator = th.Generator().manual_seed(seed)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Files of version 0.1 know no logged data.
-        vars(self).update({"logged_lengths": [], **state})
+        # Files of version 0.1 know no logged data, and no parts of episodes.
+        vars(self).update({"logged_lengths": [], "under_way": 0, **state})
 
     def __len__(self) -> int:
         return len(self.transitions)
@@ -117,7 +119,25 @@ class TransitionDataset:
         :param episode: at least one transition, in order
         :raises ValueError: if the dimensions differ from the dataset's or the episode is empty
         """
-        self._append([episode], [True], lengths=[*self.lengths, len(episode)])
+        self.append_part(episode, over=True)
+
+    def append_part(self, part: Transitions, over: bool) -> None:
+        """
+        Store what was played of one real episode of the training's own since its last part. The first state of its
+        first part becomes an initial state.
+
+        :param part: at least one transition, in order
+        :param over: whether the episode has ended
+        :raises ValueError: as above
+        """
+        length = self.under_way + len(part)
+        lengths = {"lengths": [*self.lengths, length]} if over else {}
+        self._append([part], [self.under_way == 0], **lengths, under_way=0 if over else length)
+
+    def end_episode(self) -> None:
+        """Let the episode that is under way, if any, end with its last part: nobody can go on with it."""
+        if self.under_way:
+            vars(self).update(lengths=[*self.lengths, self.under_way], under_way=0)
 
     def append_logged(self, episodes: Sequence[Transitions], from_reset: Sequence[bool]) -> None:
         """
@@ -128,14 +148,14 @@ class TransitionDataset:
             none did, all first states do, because imagination must begin somewhere
         :raises ValueError: if there are real episodes of the training's own, which come last, or as above
         """
-        if self.lengths:
+        if self.lengths or self.under_way:
             raise ValueError(
                 f"the dataset holds {len(self.lengths)} real episodes of its own: append logged ones before these"
             )
         known = from_reset if any(from_reset) else [True] * len(episodes)
         self._append(episodes, known, logged_lengths=[*self.logged_lengths, *map(len, episodes)])
 
-    def _append(self, episodes: Sequence[Transitions], from_reset: Sequence[bool], **lengths: list[int]) -> None:
+    def _append(self, episodes: Sequence[Transitions], from_reset: Sequence[bool], **lengths: list[int] | int) -> None:
         for episode in episodes:
             self._require_fitting(episode)
         drawn = th.rand(sum(map(len, episodes)), generator=self._generator) < self.holdout_fraction
@@ -165,20 +185,34 @@ class TransitionDataset:
 
     @property
     def ends(self) -> list[int]:
-        """For each episode, the logged ones first, the number of transitions up to its end."""
-        return list(accumulate([*self.logged_lengths, *self.lengths]))
+        """
+        For each episode, the logged ones first, the number of transitions up to its end, or as far as it is under way.
+        """
+        return list(accumulate([*self.logged_lengths, *self._own_lengths]))
+
+    @property
+    def _own_lengths(self) -> list[int]:
+        return [*self.lengths, self.under_way] if self.under_way else self.lengths
+
+    @property
+    def real_steps(self) -> int:
+        """Number of transitions of the training's own."""
+        return sum(self._own_lengths)
 
     @property
     def logged_episodes(self) -> list[Transitions]:
         """The logged episodes, in order."""
-        return self._cut()[: len(self.logged_lengths)]
+        return self.all_episodes[: len(self.logged_lengths)]
 
     @property
     def episodes(self) -> list[Transitions]:
-        """The training's own real episodes, in order."""
-        return self._cut()[len(self.logged_lengths) :]
+        """The training's own real episodes that have ended, in order."""
+        first = len(self.logged_lengths)
+        return self.all_episodes[first : first + len(self.lengths)]
 
-    def _cut(self) -> list[Transitions]:
+    @property
+    def all_episodes(self) -> list[Transitions]:
+        """All episodes: logged ones, the training's own, and what there is of the one that is under way."""
         ends = self.ends
         return [self.transitions[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
@@ -213,7 +247,7 @@ class TransitionDataset:
         Write everything to a ``.npz`` file of plain arrays: ``states``, ``actions``, ``next_states``, ``rewards`` and
         ``terminated`` as in :class:`Transitions`, ``initial_states``, ``lengths`` and ``logged_lengths``, the held-out
         transitions ``is_holdout``, the bootstrap ``weights``, ``generator`` (the state of its random generator),
-        ``holdout_fraction``, and ``format`` and ``version``.
+        ``holdout_fraction``, and ``format`` and ``version``. An episode that is under way is written as one that ended.
 
         :param path: of the file, which is replaced in one step
         :raises OSError: if it cannot be written; what was there is left as it was
@@ -226,7 +260,7 @@ class TransitionDataset:
                 version=FILE_VERSION,
                 **columns,
                 initial_states=self.initial_states.numpy(),
-                lengths=np.array(self.lengths, dtype=np.int64),
+                lengths=np.array(self._own_lengths, dtype=np.int64),
                 logged_lengths=np.array(self.logged_lengths, dtype=np.int64),
                 is_holdout=self._is_holdout.numpy(),
                 weights=self._weights.numpy(),

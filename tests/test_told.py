@@ -110,7 +110,7 @@ def test_what_was_interrupted_before_it_was_stored_is_new(monkeypatch: pytest.Mo
     def interrupted(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(loop.state.dataset, "append_episode", interrupted)
+    monkeypatch.setattr(loop.state.dataset, "append_part", interrupted)
     with pytest.raises(KeyboardInterrupt):
         loop.tell(episode)
     monkeypatch.undo()

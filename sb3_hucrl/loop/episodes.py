@@ -27,7 +27,7 @@ ACTION_ROUNDING = 1e-5
 class Round:
     """
     Real episodes that are played at once, one in each copy of the real system. All take their steps together, and a
-    copy whose episode is over is left alone until the last one is over too.
+    copy whose episode is over is left alone until the last one is over too. They can be played in parts.
 
     :param systems: copies of the real system
     :param problem: the hallucinated part a′ of its actions is not stored
@@ -45,25 +45,33 @@ class Round:
         count = len(systems) if num_episodes is None else num_episodes
         self._systems, self._action_space = systems, problem.action_space
         self._episodes = [EpisodeRecorder(f"environment {index}", problem, reality) for index in range(count)]
-        self._longest = problem.episode_length
+        self._longest, self._begun = problem.episode_length, False
 
-    def play(self, act: BatchActor, label: str = "real episode") -> list[Transitions]:
+    def play(self, act: BatchActor, label: str = "real episode", steps: Count | None = None) -> list[Transitions]:
         """
-        Play it, once.
+        Play it, once, or go on with it.
 
         :param act: chooses the actions of all copies, once for each step. The batch keeps its size, because recurrent
-            policies and planners remember something for each row; actions for an episode that is over are dropped
+            policies and planners remember something for each row, from here on; actions for an episode that is over
+            are dropped
         :param label: of the progress bar
-        :return: the episodes, in the order of the copies
+        :param steps: after which to stop at the latest; None for the end of all episodes
+        :return: the episodes that are over, in the order of the copies
         :raises ValueError: if an observation, a reward or an action is not finite or of another shape, an action lies
             beyond its limits, or the task disagrees with what happened
         """
         episodes = self._episodes
-        for episode, observation in zip(episodes, self._systems.reset(range(len(episodes))), strict=True):
-            episode.begin(observation)
+        if not self._begun:
+            for episode, observation in zip(episodes, self._systems.reset(range(len(episodes))), strict=True):
+                episode.begin(observation)
+            self._begun = True
         first = np.ones(len(episodes), dtype=np.bool_)
-        advance = begin_phase(label, self._longest)
-        while running := [index for index, episode in enumerate(episodes) if episode.transitions is None]:
+        most = self._longest if steps is None else steps
+        advance = begin_phase(label, most)
+        for _ in range(most):
+            running = [index for index, episode in enumerate(episodes) if episode.transitions is None]
+            if not running:
+                break
             actions = act(np.stack([episode.observation for episode in episodes]), first)
             require_actions(actions, len(episodes), self._action_space)
             outcomes = self._systems.step(running, actions[running])
@@ -79,6 +87,20 @@ class Round:
             interrupted
         """
         return [episode.transitions for episode in self._episodes if episode.transitions is not None]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all episodes are over."""
+        return len(self.finished()) == len(self._episodes)
+
+    def take(self, whole: bool) -> list[tuple[Transitions, bool]]:
+        """
+        :param whole: whether to leave out episodes that are not over
+        :return: what was played of each episode since the last call, and whether it is over
+        """
+        taken = [episode for episode in self._episodes if episode.transitions is not None or not whole]
+        parts = [(episode.take_part(), episode.transitions is not None) for episode in taken]
+        return [(part, over) for part, over in parts if len(part)]
 
 
 class EpisodeRecorder:
@@ -99,6 +121,7 @@ class EpisodeRecorder:
         self.observation: Any = None
         #: all of them, once it is over
         self.transitions: Transitions | None = None
+        self._taken = 0
 
     def begin(self, observation: Any) -> None:
         """
@@ -126,14 +149,26 @@ class EpisodeRecorder:
                 "it there"
             )
 
+    def take_part(self) -> Transitions:
+        """
+        :return: the transitions since the last call
+        """
+        whole = self._so_far(terminated=False) if self.transitions is None else self.transitions
+        part = whole[self._taken :]
+        self._taken = len(whole)
+        return part
+
     def _finish(self, terminated: bool) -> Transitions:
+        transitions = self._so_far(terminated)
+        if self._reality is not None:
+            self._reality.check(th.as_tensor(np.stack(self._observations), dtype=th.float32), transitions)
+        return transitions
+
+    def _so_far(self, terminated: bool) -> Transitions:
         observations = th.as_tensor(np.stack(self._observations), dtype=th.float32)
         actions = th.as_tensor(np.stack(self._actions), dtype=th.float32)
         rewards = th.tensor(self._rewards, dtype=th.float32)
-        transitions = transitions_of(self._problem.task, observations, actions, rewards, terminated)
-        if self._reality is not None:
-            self._reality.check(observations, transitions)
-        return transitions
+        return transitions_of(self._problem.task, observations, actions, rewards, terminated)
 
     def _observe(self, observation: Any) -> None:
         self.observation = observation

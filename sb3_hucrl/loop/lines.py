@@ -33,18 +33,26 @@ GOOD_R2 = 0.9
 class EpisodeLines:
     """
     Prints one line for each real episode, the first below a header, in colour where the terminal can. Between two
-    refits there may be several episodes: the last of them has the seconds.
+    refits there may be several episodes: the last of them has the seconds. They are those of all refits since the
+    last line, of which there are several where refits do not wait for the end of an episode.
     """
 
     def __init__(self) -> None:
         self._has_header = False
+        self._seconds: dict[str, float] = {}
 
     def print(self, report: Report) -> None:
         """
         :param report: of the loop
         """
+        for name in SECONDS:
+            if name in report.scalars:
+                self._seconds[name] = self._seconds.get(name, 0.0) + report.scalars[name]
+        if not report.episodes:
+            return
         lines = [] if self._has_header else [_line([*COLUMNS], ["bold"] * len(COLUMNS))]
-        seconds = [_seconds(report.scalars.get(name)) for name in SECONDS]
+        seconds = [_seconds(self._seconds.get(name)) for name in SECONDS]
+        self._seconds = {}
         for episode in report.episodes:
             shown = seconds if episode is report.episodes[-1] else [""] * len(SECONDS)
             lines.append(_line([*_cells(episode), *shown], _styles(episode)))

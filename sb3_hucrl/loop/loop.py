@@ -27,9 +27,9 @@ from sb3_hucrl.logged import LoggedEpisode
 from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.asked import AskedPolicy, FoundPolicy, freeze
 from sb3_hucrl.loop.carried import follow_settings, fresh_state, require_same_dimensions
-from sb3_hucrl.loop.episodes import Round
 from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.plan import Plan
+from sb3_hucrl.loop.player import Player
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.report import Report, scalars_of, unseen_episodes
@@ -99,13 +99,16 @@ class Loop:
         on_refit: Callable[[Report], None] = lambda report: None,
     ) -> None:
         self.settings, self.problem = settings, problem
-        self._systems = real if real is None or isinstance(real, RealSystems) else RealSystems([real])
-        require_systems(self._systems, settings.real)
-        self._on_episode, self._on_refit = on_episode, on_refit
+        systems = real if real is None or isinstance(real, RealSystems) else RealSystems([real])
+        require_systems(systems, settings.real)
         self._reality = Reality(problem)
+        self._player = None if systems is None else Player(systems, problem, settings.real.real_envs, self._reality)
+        self._on_episode, self._on_refit = on_episode, on_refit
         self.state = fresh_state(problem, settings.model, seed) if state is None else state
         self._plan = Plan(settings, self.state, problem.episode_length)
         require_same_dimensions(self.state, problem)
+        # The environment of a run that was saved within an episode is gone.
+        self.state.dataset.end_episode()
         replaced = follow_settings(self.state, settings.model, problem.task)
         self.state.dynamics.to(device)
         if replaced and self.state.fitted_steps > 0:
@@ -181,7 +184,7 @@ class Loop:
     @property
     def imagined_steps(self) -> int:
         """Timesteps of the present search; 0 if it has ended before, and its real episodes were interrupted."""
-        if self._systems is not None and self._plan.is_between_episodes:
+        if self._player is not None and self._plan.is_between_episodes:
             return 0
         return self._plan.search_steps
 
@@ -202,16 +205,14 @@ class Loop:
         :return: the World to search in until the next refit
         :raises ValueError: if random real episodes are still to be told
         """
-        if self._systems is None:
+        if self._player is None:
             if self._plan.misses_random:
                 raise ValueError("random real episodes are missing: ask() for policies, and tell() what they played")
             if self._plan.needs_refit:
                 self.refit()
             progress = max(progress, self.next_progress)
-        self._searching = True
-        planning = self.settings.planning
+        self._searching, planning, horizon = True, self.settings.planning, self._horizon()
         num_samples = max(num_trajectories, planning.rollouts if planning else 1)
-        horizon = self._horizon()
         self.recipe = replace(self.recipe, horizon=horizon)
         starts = self._starts.trusting(min(1.0, horizon / self.problem.episode_length))
         self.world = self.recipe.world(self.state, starts, num_samples, self._explores(progress))
@@ -235,15 +236,11 @@ class Loop:
         """
         deterministic = not self._explores(progress)
         self._choose(search, deterministic)
-        uncertainties = []
         while self._plan.misses_real:
             planner = search.planner(deterministic)
-            if planner is None:
+            if planner is None and not self.state.dataset.under_way:
                 self._imagined = self._imagine(search.actor(deterministic))
-                uncertainties.append(self._uncertainty(self._imagined))
             self.play(planner or search.actor(deterministic))
-        if uncertainties:
-            self._scalars["imagined/epistemic_std"] = float(np.mean(uncertainties))
         self.refit()
 
     def _choose(self, search: Search, deterministic: bool) -> None:
@@ -296,9 +293,7 @@ class Loop:
         self._choose(search, deterministic)
         planner, promised = search.planner(deterministic), None
         if planner is None:
-            imagined = self._imagine(search.actor(deterministic))
-            self._scalars["imagined/epistemic_std"] = self._uncertainty(imagined)
-            promised = imagined.transitions
+            promised = self._imagine(search.actor(deterministic)).transitions
         return FoundPolicy(self.state.fitted_steps, freeze(planner or search.actor(deterministic)), promised)
 
     @validated
@@ -319,7 +314,7 @@ class Loop:
             promised = asked.open.get(episode.policy_id)
             self._imagined = None if promised is None else ImaginedEpisode(self.state.real_episodes + 1, promised)
             asked.told[episode.policy_id] = len(dataset.lengths)
-            self._remember([transitions])
+            self._remember([(transitions, True)])
             self._imagined = None
             asked.open.pop(episode.policy_id, None)
         elif not same_transitions(transitions, dataset.episodes[index]):
@@ -333,41 +328,48 @@ class Loop:
     def _imagine(self, act: BatchActor) -> ImaginedEpisode:
         """What the model promises of the next real episode, the first of its round."""
         episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
+        # Of the whole model, even where a posterior sample was imagined, which has none.
+        self._scalars["imagined/epistemic_std"] = float(epistemic_std(self.state.dynamics, episode).mean())
         return ImaginedEpisode(self.state.real_episodes + 1, episode)
-
-    def _uncertainty(self, imagined: ImaginedEpisode) -> float:
-        """Mean epistemic std of the whole model, even where a posterior sample was imagined, which has none."""
-        return float(epistemic_std(self.state.dynamics, imagined.transitions).mean())
 
     @validated
     def play(self, act: BatchActor) -> list[Transitions]:
         """
         Play a round of real episodes, one in each of ``real_envs`` environments at once, and remember them for the next
-        refit. If it is interrupted, those that are over are remembered.
+        refit. If it is interrupted, those that are over are remembered. Where refits do not wait for whole episodes, it
+        is played until the next refit, and the next call goes on with it.
 
         :param act: chooses the actions, of a batch of ``real_envs``
-        :return: the episodes, in the order of the environments
+        :return: the episodes that are over
         :raises ValueError: if the environment gives what it must not, or something else than the task says, or is none
         """
-        if self._systems is None:
+        if self._player is None:
             raise ValueError("there is no real system here: ask() for a policy, and tell() the episode that it played")
-        started = time.perf_counter()
-        playing = Round(self._systems, self.problem, self.settings.real.real_envs, self._reality)
-        try:
-            return playing.play(act, "real episode" if self.state.fitted_steps else "random episode")
-        finally:
-            if finished := playing.finished():
-                self._remember(finished)
-                self._rollout_seconds += time.perf_counter() - started
-                self._on_episode()
-            self._imagined = None
+        started, player = time.perf_counter(), self._player
+        if not player.is_under_way:
+            self.state.dataset.end_episode()
 
-    def _remember(self, episodes: list[Transitions]) -> None:
+        try:
+            label = "real episode" if self.state.fitted_steps else "random episode"
+            return player.play(act, label, self._plan.part, self._remember_played)
+        finally:
+            self._rollout_seconds += time.perf_counter() - started
+            if not self.state.dataset.under_way:
+                self._imagined = None
+
+    def _remember_played(self, parts: list[tuple[Transitions, bool]]) -> None:
+        self._remember(parts)
+        self._on_episode()
+
+    def _remember(self, parts: list[tuple[Transitions, bool]]) -> None:
         state = self.state
-        for episode in episodes:
-            state.dataset.append_episode(episode)
+        for part, over in parts:
+            state.dataset.append_part(part, over)
+        if not (ended := sum(over for _, over in parts)):
+            return
         if self._imagined is not None:
             state.remember_imagined(self._imagined)
+        episodes = state.dataset.episodes[-ended:]
         state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
         self._solved |= self._is_solved
 

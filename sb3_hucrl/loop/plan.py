@@ -30,10 +30,25 @@ class Plan:
         return len(self.state.dataset) - self.state.fitted_steps
 
     def _misses(self, episodes: int, steps: int | None) -> bool:
-        """Whether there must be more real episodes before the next refit."""
+        """Whether there must be more real episodes, or steps of one, before the next refit."""
         fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
         unseen = sum(end > fitted for end in accumulate(self.state.dataset.lengths))
-        return unseen < episodes or self.state.real_steps - fitted < self._budget(steps)
+        too_few = self.settings.real.whole_episodes and unseen < episodes
+        return too_few or self._missing_steps(steps) > 0
+
+    def _missing_steps(self, steps: int | None) -> int:
+        fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
+        return self._budget(steps) - (self.state.real_steps - fitted)
+
+    @property
+    def part(self) -> int | None:
+        """Number of real steps, at most, until it is time for a refit; None where refits wait for whole episodes."""
+        real = self.settings.real
+        if real.whole_episodes:
+            return None
+        steps = real.initial_steps if self.state.fitted_steps == 0 else real.real_steps
+        missing = self._missing_steps(steps)
+        return missing if missing > 0 else self._budget(steps)
 
     def _budget(self, steps: int | None) -> int:
         """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""

@@ -24,8 +24,8 @@ class PlayedEpisode:
     :param real_steps: so far, this episode included, and logged ones not
     :param episode_return: what it earned
     :param promised: its imagined return; None where nothing was imagined before it
-    :param r2: R² of the model's one-step predictions along it, median over the state dimensions; None where the model
-        had not learned anything yet
+    :param r2: R² of the model's one-step predictions along what it has not learned of it, median over the state
+        dimensions; None where the model had not learned anything yet
     :param best: highest return of a real episode so far
     """
 
@@ -44,7 +44,7 @@ class Report:
 
     :param scalars: values to log, by name, such as ``real/return``
     :param fit: how well the dynamics model fits now
-    :param episodes: the real ones that it has learned from for the first time
+    :param episodes: the real ones that have ended
     """
 
     scalars: dict[str, float]
@@ -57,7 +57,7 @@ def unseen_episodes(state: HUCRLState, task: Task) -> list[PlayedEpisode]:
     """
     :param state: of a run, before a refit
     :param task: of the environment
-    :return: the real episodes that the model has not been fitted to
+    :return: the real episodes that have ended since the model was fitted
     """
     ends, episodes = list(accumulate(state.dataset.lengths)), state.dataset.episodes
     fitted = state.fitted_steps - state.dataset.logged_steps
@@ -67,7 +67,10 @@ def unseen_episodes(state: HUCRLState, task: Task) -> list[PlayedEpisode]:
     known = sum(end <= fitted for end in ends)
     r2: list[float | None] = [None] * len(episodes[known:])
     if state.fitted_steps > 0:
-        r2 = [*unseen_r2(state.dynamics, episodes[known:], state.dataset, task)]
+        # The first of them may have been learned in part.
+        begins = [0, *ends][known : len(ends)]
+        unseen = [episode[max(0, fitted - begin) :] for begin, episode in zip(begins, episodes[known:], strict=True)]
+        r2 = [*unseen_r2(state.dynamics, unseen, state.dataset, task)]
     return [
         PlayedEpisode(index + 1, ends[index], returns[index], promised.get(index + 1), r2[index - known], best[index])
         for index in range(known, len(episodes))

@@ -46,6 +46,8 @@ class RealSettings:
     :param max_real_steps: that end the training; None for no such number
     :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
     :param reward_threshold: a return, mean of a round, that ends the training; None for none
+    :param whole_episodes: whether refits wait for the end of a real episode. If not, the real environment waits for the
+        search: after ``initial_steps`` and ``real_steps``, and not more, the episode goes on with a new policy
     :raises ValueError: if a number is out of its range
     """
 
@@ -57,6 +59,7 @@ class RealSettings:
     max_real_steps: Count | None = None
     sampling_fraction: Fraction = 0.5
     reward_threshold: Real | None = None
+    whole_episodes: bool = True
 
 
 @validated

@@ -141,13 +141,13 @@ class HUCRLState:
 
     @property
     def real_episodes(self) -> int:
-        """Number of real episodes so far."""
+        """Number of real episodes that have ended."""
         return len(self.dataset.lengths)
 
     @property
     def real_steps(self) -> int:
         """Number of real steps so far, without the logged ones."""
-        return sum(self.dataset.lengths)
+        return self.dataset.real_steps
 
     def require_real_episode(self) -> None:
         """

@@ -111,7 +111,14 @@ def require_systems(systems: RealSystems | None, settings: RealSettings) -> None
                 f"real_envs is {settings.real_envs}, and the number of environments {len(systems)}: make more of them "
                 f"(n_envs), or give at most {len(systems)}"
             )
+        if settings.real_envs > 1 and not settings.whole_episodes:
+            raise ValueError(
+                f"whole_episodes is False, and real_envs is {settings.real_envs}: parts of episodes are played in one "
+                "environment; leave one of them out"
+            )
         return
+    if not settings.whole_episodes:
+        raise ValueError("whole_episodes is False, and real episodes are told, which come as a whole: leave it out")
     if settings.max_real_steps is None:
         raise ValueError(
             "max_real_steps is None, and real episodes are told: give the number of real steps that you plan; "

@@ -81,10 +81,9 @@ def _dataset_episodes(dataset: TransitionDataset, task: Task) -> list[LoggedEpis
             "give a dataset of this environment, with the same task"
         )
     began = {tuple(state) for state in dataset.initial_states.tolist()}
-    episodes = [*dataset.logged_episodes, *dataset.episodes]
     return [
         part
-        for episode in episodes
+        for episode in dataset.all_episodes
         for part in _parts(episode, task, from_reset=tuple(episode.states[0].tolist()) in began)
     ]
 

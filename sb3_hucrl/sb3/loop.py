@@ -50,15 +50,20 @@ def make_loop(
     record = monitor_recorder(lines)
     systems = None if told else real_systems(env.venv, record)
 
+    def record_missing() -> None:
+        for episode in loop.state.dataset.episodes[len(lines["monitor"]) :]:
+            record({"r": round(float(episode.rewards.double().sum()), 6), "l": len(episode)})
+
     def on_played() -> None:
         if told:
-            for episode in loop.state.dataset.episodes[len(lines["monitor"]) :]:
-                record({"r": round(float(episode.rewards.double().sum()), 6), "l": len(episode)})
+            record_missing()
         # From here on the search is over, even if the training ends before the next one begins.
         loop.state.search_start = model.num_timesteps
         on_episode()
 
     loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
+    # No Monitor saw the end of an episode within which the training had ended.
+    record_missing()
     if logged is not None and loop.state.dataset.logged_steps == 0:
         loop.add_logged(read_logged(logged, problem.task))
     carry_normalization(model)

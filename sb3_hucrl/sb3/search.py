@@ -52,7 +52,7 @@ class SB3Search:
         self._planner: MPCPolicy | None = None
         self._is_training = RunningLearn(model)
         # A policy that has learned from observations as they are would no longer know what it sees.
-        if loop.state.real_episodes == 0 and model._n_updates == 0:
+        if loop.state.real_steps == 0 and model._n_updates == 0:
             self._prepare_networks()
         self._plan_in(loop.world)
 
