@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from sb3_hucrl import ImaginationVecEnv, Loop, TransitionDataset
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop import ModelSettings, PlayedEpisode, Problem, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.loop.lines import EpisodeLines
+from sb3_hucrl.sb3.curve import carried_lines
 
 LENGTH = 30
 
@@ -98,7 +100,7 @@ def test_a_training_that_ended_within_an_episode_goes_on_with_a_new_one(tmp_path
     # The ten steps of the second episode stay, as an episode of their own.
     assert (dataset.lengths, dataset.under_way) == ([LENGTH, 10, LENGTH, LENGTH], 0)
     assert len(dataset.initial_states) == 4
-    rows = [*map(eval, loaded.hucrl_curve["monitor"])]
+    rows = [*map(json.loads, carried_lines(loaded)["monitor"])]
     assert [row["l"] for row in rows] == dataset.lengths
     returns = [float(episode.rewards.double().sum()) for episode in dataset.episodes]
     assert [row["r"] for row in rows] == pytest.approx(returns, abs=1e-4)
