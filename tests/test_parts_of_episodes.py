@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +20,7 @@ from sb3_hucrl import ImaginationVecEnv, Loop, TransitionDataset
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop import ModelSettings, PlayedEpisode, Problem, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.loop.lines import EpisodeLines
-from sb3_hucrl.sb3.curve import carried_lines
+from sb3_hucrl.sb3.curve import carried_lines, saved_curve
 
 LENGTH = 30
 
@@ -91,10 +90,9 @@ def test_a_training_that_ended_within_an_episode_goes_on_with_a_new_one(tmp_path
     model = small_sac(env)
     settings: dict[str, Any] = {"initial_steps": 40, "real_steps": 20, "whole_episodes": False}
     model.learn(10_000, callback=small_callback(**settings, max_real_steps=40))
-    file = io.BytesIO()
-    model.save(file)
-    file.seek(0)
-    loaded = type(model).load(file, env=imagination_env(max_episode_steps=LENGTH))
+    model.save(tmp_path / "model.zip")
+    saved = saved_curve(tmp_path / "model.zip")
+    loaded = type(model).load(tmp_path / "model.zip", env=imagination_env(max_episode_steps=LENGTH))
     loaded.learn(10_000, callback=small_callback(**settings, max_real_steps=100), reset_num_timesteps=False)
     dataset = state_of(loaded).dataset
     # The ten steps of the second episode stay, as an episode of their own.
@@ -102,6 +100,8 @@ def test_a_training_that_ended_within_an_episode_goes_on_with_a_new_one(tmp_path
     assert len(dataset.initial_states) == 4
     rows = [*map(json.loads, carried_lines(loaded)["monitor"])]
     assert [row["l"] for row in rows] == dataset.lengths
+    assert saved is not None
+    assert [row["l"] for row in saved["monitor"]] == [LENGTH, 10]
     returns = [float(episode.rewards.double().sum()) for episode in dataset.episodes]
     assert [row["r"] for row in rows] == pytest.approx(returns, abs=1e-4)
 

@@ -107,8 +107,6 @@ class Loop:
         self.state = fresh_state(problem, settings.model, seed) if state is None else state
         self._plan = Plan(settings, self.state, problem.episode_length)
         require_same_dimensions(self.state, problem)
-        # The environment of a run that was saved within an episode is gone.
-        self.state.dataset.end_episode()
         replaced = follow_settings(self.state, settings.model, problem.task)
         self.state.dynamics.to(device)
         if replaced and self.state.fitted_steps > 0:

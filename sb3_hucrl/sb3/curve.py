@@ -74,10 +74,18 @@ def progress_rows(model: BaseAlgorithm) -> list[Row]:
 def saved_curve(path: str | Path) -> Curve | None:
     """
     :param path: zip file of an SB3 algorithm
-    :return: the curve in it, or None if no :class:`sb3_hucrl.HUCRLCallback` has trained the algorithm
+    :return: the curve in it, with an episode within which the training has ended, or None if no
+        :class:`sb3_hucrl.HUCRLCallback` has trained the algorithm
     """
     state = read_attribute(path, STATE)
-    return None if state is None else _whole(_read(read_attribute(path, ATTRIBUTE)), state)
+    if state is None:
+        return None
+    curve = _whole(_read(read_attribute(path, ATTRIBUTE)), state)
+    if length := state.dataset.under_way:
+        earned = float(state.dataset.all_episodes[-1].rewards.double().sum())
+        ended = curve["monitor"][-1]["t"] if curve["monitor"] else 0.0
+        curve["monitor"].append({"r": round(earned, 6), "l": length, "t": ended})
+    return curve
 
 
 def monitor_recorder(lines: Lines) -> Callable[[Mapping[str, Any]], None]:

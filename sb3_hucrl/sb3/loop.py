@@ -62,7 +62,8 @@ def make_loop(
         on_episode()
 
     loop = Loop(settings, problem, systems, carried, model.seed, model.device, on_played, on_refit)
-    # No Monitor saw the end of an episode within which the training had ended.
+    # The environment of a training that ended within an episode is gone, and no Monitor saw the end.
+    loop.state.dataset.end_episode()
     record_missing()
     if logged is not None and loop.state.dataset.logged_steps == 0:
         loop.add_logged(read_logged(logged, problem.task))
