@@ -267,19 +267,19 @@ def test_other_environments_are_as_they_were(tmp_path: Path) -> None:
 
 
 def test_h_svg_trains_on_a_robot_without_a_hallucinated_action(tmp_path: Path) -> None:
-    words = ["train", "--algo", "hsvg", "--env", "HalfCheetah-v5", "-n", "2560", "--eval-freq", "-1", "--seed", "3"]
+    robot = "HUCRL-HalfCheetah-v5"
+    words = ["train", "--algo", "hsvg", "--env", robot, "-n", "2560", "--eval-freq", "-1", "--seed", "3"]
     short = ["gradient_steps:1", "critic_updates:1", "hucrl_imagined_steps:1280", "hucrl_dynamics__gradient_steps:5"]
-    run(ZOO, *words, "-params", *short, "hucrl_initial_steps:2000", cwd=tmp_path)
-    folder = tmp_path / "logs" / "hsvg" / "HalfCheetah-v5_1"
-    # Two random episodes, and one after each search.
-    assert len(load_results(str(folder))) == 4
+    run(ZOO, *words, "-params", *short, "hucrl_initial_steps:1700", "hucrl_real_steps:200", cwd=tmp_path)
+    # 1,700 random steps, and 200 after each search: the third episode is not over.
+    assert len(load_results(str(tmp_path / "logs" / "hsvg" / f"{robot}_1"))) == 2
     enjoyed = run(
         ZOO,
         "enjoy",
         "--algo",
         "hsvg",
         "--env",
-        "HalfCheetah-v5",
+        robot,
         "--no-render",
         "-n",
         "1000",
