@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
 import numpy as np
@@ -21,6 +22,19 @@ from sb3_hucrl.tasks import Task
 
 #: how far beyond its limits an action may lie, as a fraction of their distance
 ACTION_ROUNDING = 1e-5
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    What was played of a real episode since its last part.
+
+    :param transitions: at least one
+    :param is_last: whether the episode is over
+    """
+
+    transitions: Transitions
+    is_last: bool
 
 
 @validated
@@ -93,14 +107,14 @@ class Round:
         """Whether all episodes are over."""
         return len(self.finished()) == len(self._episodes)
 
-    def take(self, whole: bool) -> list[tuple[Transitions, bool]]:
+    def take(self, whole: bool) -> list[Part]:
         """
         :param whole: whether to leave out episodes that are not over
-        :return: what was played of each episode since the last call, and whether it is over
+        :return: of each episode what was played since the last call, if anything was
         """
         taken = [episode for episode in self._episodes if episode.transitions is not None or not whole]
-        parts = [(episode.take_part(), episode.transitions is not None) for episode in taken]
-        return [(part, over) for part, over in parts if len(part)]
+        parts = [episode.take_part() for episode in taken]
+        return [part for part in parts if len(part.transitions)]
 
 
 class EpisodeRecorder:
@@ -149,14 +163,14 @@ class EpisodeRecorder:
                 "it there"
             )
 
-    def take_part(self) -> Transitions:
+    def take_part(self) -> Part:
         """
-        :return: the transitions since the last call
+        :return: what was played since the last call; nothing if no step was
         """
         whole = self._so_far(terminated=False) if self.transitions is None else self.transitions
         part = whole[self._taken :]
         self._taken = len(whole)
-        return part
+        return Part(part, is_last=self.transitions is not None)
 
     def _finish(self, terminated: bool) -> Transitions:
         transitions = self._so_far(terminated)

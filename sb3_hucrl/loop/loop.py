@@ -27,6 +27,7 @@ from sb3_hucrl.logged import LoggedEpisode
 from sb3_hucrl.loop.actors import random_actor
 from sb3_hucrl.loop.asked import AskedPolicy, FoundPolicy, freeze
 from sb3_hucrl.loop.carried import follow_settings, fresh_state, require_same_dimensions
+from sb3_hucrl.loop.episodes import Part
 from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.plan import Plan
 from sb3_hucrl.loop.player import Player
@@ -312,7 +313,7 @@ class Loop:
             promised = asked.open.get(episode.policy_id)
             self._imagined = None if promised is None else ImaginedEpisode(self.state.real_episodes + 1, promised)
             asked.told[episode.policy_id] = len(dataset.lengths)
-            self._remember([(transitions, True)])
+            self._remember([Part(transitions, is_last=True)])
             self._imagined = None
             asked.open.pop(episode.policy_id, None)
         elif not same_transitions(transitions, dataset.episodes[index]):
@@ -355,15 +356,15 @@ class Loop:
             if not self.state.dataset.under_way:
                 self._imagined = None
 
-    def _remember_played(self, parts: list[tuple[Transitions, bool]]) -> None:
+    def _remember_played(self, parts: list[Part]) -> None:
         self._remember(parts)
         self._on_episode()
 
-    def _remember(self, parts: list[tuple[Transitions, bool]]) -> None:
+    def _remember(self, parts: list[Part]) -> None:
         state = self.state
-        for part, over in parts:
-            state.dataset.append_part(part, over)
-        if not (ended := sum(over for _, over in parts)):
+        for part in parts:
+            state.dataset.append_part(part.transitions, over=part.is_last)
+        if not (ended := sum(part.is_last for part in parts)):
             return
         if self._imagined is not None:
             state.remember_imagined(self._imagined)

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 from sb3_hucrl.data import Transitions
 from sb3_hucrl.imagination import BatchActor
-from sb3_hucrl.loop.episodes import Round
+from sb3_hucrl.loop.episodes import Part, Round
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.reality import Reality
 from sb3_hucrl.loop.systems import RealSystems
 
-#: of what was played of each episode, and whether it is over
-Remember = Callable[[list[tuple[Transitions, bool]]], None]
+#: of what was played
+Remember = Callable[[list[Part]], None]
 
 
 class Player:
