@@ -107,7 +107,7 @@ def test_what_was_interrupted_before_it_was_stored_is_new(monkeypatch: pytest.Mo
     loop, env = small_loop(), real_pendulum(LENGTH)
     episode, other = loop.ask().play(env), loop.ask().play(env)
 
-    def interrupted(*args: Any) -> None:
+    def interrupted(*args: Any, **kwargs: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(loop.state.dataset, "append_part", interrupted)
