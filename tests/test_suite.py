@@ -201,6 +201,19 @@ def test_a_run_that_was_interrupted_is_not_kept(tmp_path: Path, monkeypatch: pyt
     assert not ours.path(tmp_path).exists()
 
 
+def test_a_run_may_end_within_an_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def end_within(words: list[str], name: str) -> None:
+        folder = Path(words[words.index("-f") + 1]) / "hsvg" / "HUCRL-Pendulum-v1_1"
+        folder.mkdir(parents=True)
+        (folder / "0.monitor.csv").write_text('#{"t_start": 0}\nr,l,t\n-5.0,950,1.0\n')
+        (folder / "progress.csv").write_text("real/steps,real/return\n900,\n1000,-5.0\n")
+
+    monkeypatch.setattr(suite_parts.run, "run_process", end_within)
+    run = SuiteRun(TASK, "hsvg", "hsvg", 51)
+    assert launch([run], tmp_path, 1) == []
+    assert pd.read_csv(run.path(tmp_path)).real_steps.to_list() == [950]
+
+
 @pytest.mark.slow
 def test_a_failed_run_leaves_its_error(tmp_path: Path) -> None:
     run = SuiteRun(SuiteTask("NoSuchThing-v0", 1_000, 0), "baseline", "sac", 51)

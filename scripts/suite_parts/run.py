@@ -124,4 +124,7 @@ def _timesteps(saved: Path) -> int:
 
 
 def _real_steps(folder: Path) -> int:
-    return int(real_episodes(str(folder)).real_steps.sum())
+    # The monitor has whole episodes, and a training may end within one.
+    progress = folder / "progress.csv"
+    logged = pd.read_csv(progress)["real/steps"].max() if progress.exists() else 0
+    return max(int(logged), int(real_episodes(str(folder)).real_steps.sum()))
