@@ -31,14 +31,17 @@ class Plan:
 
     def _misses(self, episodes: int, steps: int | None) -> bool:
         """Whether there must be more real episodes, or steps of one, before the next refit."""
-        fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
-        unseen = sum(end > fitted for end in accumulate(self.state.dataset.lengths))
+        unseen = sum(end > self._fitted for end in accumulate(self.state.dataset.lengths))
         too_few = self.settings.real.whole_episodes and unseen < episodes
         return too_few or self._missing_steps(steps) > 0
 
     def _missing_steps(self, steps: int | None) -> int:
-        fitted = max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
-        return self._budget(steps) - (self.state.real_steps - fitted)
+        return self._budget(steps) - (self.state.real_steps - self._fitted)
+
+    @property
+    def _fitted(self) -> int:
+        """Real steps that the model has been fitted to."""
+        return max(0, self.state.fitted_steps - self.state.dataset.logged_steps)
 
     @property
     def part(self) -> int | None:
