@@ -9,6 +9,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from sb3_hucrl.callbacks import HUCRLCallback
 from sb3_hucrl.checks import Location, validated
 from sb3_hucrl.loop import AskedPolicy, Episode, Report
+from sb3_hucrl.products import FastProducts
 from sb3_hucrl.sb3 import (
     Checkpoint,
     TrainingLog,
@@ -76,11 +77,13 @@ class AskTell:
         :raises OSError: if the checkpoint cannot be written
         """
         if self._loop.needs_search:
+            products = FastProducts(self.model.device)
             try:
                 search_policy(self._search, self._loop, self._env.num_envs)
                 policy = self._loop.ask(self._search)
             finally:
                 self._env.real()
+                products.end()
         else:
             policy = self._loop.ask()
         self._save()

@@ -12,6 +12,7 @@ from sb3_hucrl.dynamics import DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, choose_strategy
 from sb3_hucrl.loop import ModelSettings, RealSettings, Report, SearchSettings, Settings
 from sb3_hucrl.planning import planning_settings
+from sb3_hucrl.products import FastProducts
 from sb3_hucrl.sb3 import Checkpoint, LoggedSource, TrainingLog, find_imagination, make_loop, make_search, require_place
 from sb3_hucrl.tasks import Task
 
@@ -22,10 +23,9 @@ class HUCRLCallback(BaseCallback):
     Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
 
     It plays ``initial_episodes`` random real episodes, or reads ``transitions``, and fits the dynamics model. After
-    ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′), refits the model, and so on.
-
-    ``num_timesteps`` counts imagined steps; real ones are logged as ``real/steps``. What was learned is kept as
-    ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`) in the model's zip file: a loaded model goes on where it was.
+    ``imagined_steps`` timesteps in imagination, counted by ``num_timesteps``, it plays ``real_episodes`` (without a′),
+    counted by ``real/steps``, refits the model, and so on. What was learned is kept as ``model.hucrl``
+    (:class:`sb3_hucrl.HUCRLState`) in the model's zip file: a loaded model goes on where it was.
 
     :param exploration: a strategy, or the name of one (:data:`sb3_hucrl.exploration.STRATEGIES`)
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
@@ -107,6 +107,7 @@ class HUCRLCallback(BaseCallback):
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
         model, self._env = self.model, find_imagination(self.training_env)
+        self._products = FastProducts(model.device)
         hooks = self._save, self._on_refit
         self._loop = make_loop(model, self._env, self.settings, self.transitions, *hooks, self.given_verbose)
         self._file, self._search = Checkpoint(model, self.checkpoint), make_search(model, self._env, self._loop)
@@ -127,11 +128,10 @@ class HUCRLCallback(BaseCallback):
         # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not played.
         if self._searching and self.model.num_timesteps >= self._total_timesteps and self._search.steps > 0:
             self._end_search()
-        if self._searching:
-            self._searching = False
-            self._env.real()
-            self._file.end()
-        self._log.end()
+        self._searching = False
+        self._env.real()
+        for part in (self._file, self._log, self._products):
+            part.end()
 
     def _start_search(self) -> None:
         ends = (self.model.num_timesteps + self._loop.imagined_steps) / self._total_timesteps

@@ -29,7 +29,7 @@ ROOMS = [
     ["tasks"],
     ["logged"],
     ["data"],
-    ["files", "progress", "registry", "seeding", "spaces"],
+    ["files", "products", "progress", "registry", "seeding", "spaces"],
     ["checks"],
 ]
 #: what forwards the names that files of version 0.1 hold
