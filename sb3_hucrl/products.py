@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import ClassVar
 
 import torch as th
 
@@ -20,22 +21,24 @@ class FastProducts:
     """
     PyTorch's precision ``"medium"`` for matrix products on a CPU (:func:`torch.set_float32_matmul_precision`) until
     :meth:`end`, if this CPU rounds them no more than in single precision. They are then made by oneDNN, which uses
-    AVX-512 where MKL does not: on AMD's processors, in half the time. What the user has chosen is left as it is.
+    AVX-512 where MKL does not: on AMD's processors, in half the time. What the user has chosen is left as it is. A
+    training that an exception ends leaves products fast, until another one ends.
 
     :param device: of the networks; nothing is changed for any other than the CPU
     """
 
+    _ours: ClassVar[bool] = False
+
     def __init__(self, device: th.device) -> None:
-        self._changed = False
         if device.type != "cpu" or th.get_float32_matmul_precision() != "highest":
             return
         th.set_float32_matmul_precision("medium")
-        self._changed = True
+        FastProducts._ours = True
         if not _is_exact():
             self.end()
 
     def end(self) -> None:
         """Leave PyTorch as it was. A second call changes nothing."""
-        if self._changed:
+        if FastProducts._ours and th.get_float32_matmul_precision() == "medium":
             th.set_float32_matmul_precision("highest")
-            self._changed = False
+        FastProducts._ours = False

@@ -1,6 +1,7 @@
 """Settings for all tests, made before PyTorch and MuJoCo are imported."""
 
 import os
+from collections.abc import Iterator
 
 import pytest
 
@@ -9,6 +10,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Frames are drawn without a screen.
 os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+
+
+@pytest.fixture(autouse=True)
+def exact_products() -> Iterator[None]:
+    """A training that a test interrupts leaves PyTorch's products fast, and rounded in another order."""
+    yield
+    import torch as th
+
+    th.set_float32_matmul_precision("highest")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -21,6 +21,7 @@ def forget_the_cpu() -> Iterator[None]:
     products._is_exact.cache_clear()
     yield
     products._is_exact.cache_clear()
+    FastProducts(CPU).end()
     th.set_float32_matmul_precision("highest")
 
 
@@ -76,4 +77,13 @@ def test_they_last_as_long_as_a_training(monkeypatch: pytest.MonkeyPatch) -> Non
     model = Watched("MlpPolicy", env, learning_starts=0, seed=0)
     model.learn(8, callback=HUCRLCallback(imagined_steps=8, dynamics_kwargs={"gradient_steps": 1}))
     assert set(seen) == {"medium"}
+    assert th.get_float32_matmul_precision() == "highest"
+
+
+def test_what_an_interrupted_training_left_is_undone_by_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(products, "_is_exact", lambda: True)
+    FastProducts(CPU)
+    following = FastProducts(CPU)
+    assert th.get_float32_matmul_precision() == "medium"
+    following.end()
     assert th.get_float32_matmul_precision() == "highest"
