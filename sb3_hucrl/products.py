@@ -27,18 +27,19 @@ class FastProducts:
     :param device: of the networks; nothing is changed for any other than the CPU
     """
 
-    _ours: ClassVar[bool] = False
+    #: whether the present setting was made here
+    changed: ClassVar[bool] = False
 
     def __init__(self, device: th.device) -> None:
         if device.type != "cpu" or th.get_float32_matmul_precision() != "highest":
             return
         th.set_float32_matmul_precision("medium")
-        FastProducts._ours = True
+        FastProducts.changed = True
         if not _is_exact():
             self.end()
 
     def end(self) -> None:
         """Leave PyTorch as it was. A second call changes nothing."""
-        if FastProducts._ours and th.get_float32_matmul_precision() == "medium":
+        if FastProducts.changed and th.get_float32_matmul_precision() == "medium":
             th.set_float32_matmul_precision("highest")
-        FastProducts._ours = False
+        FastProducts.changed = False
