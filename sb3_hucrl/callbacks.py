@@ -23,9 +23,8 @@ class HUCRLCallback(BaseCallback):
     Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
 
     It plays ``initial_episodes`` random real episodes, or reads ``transitions``, and fits the dynamics model. After
-    ``imagined_steps`` timesteps in imagination, counted by ``num_timesteps``, it plays ``real_episodes`` (without a′),
-    counted by ``real/steps``, refits the model, and so on. What was learned is kept as ``model.hucrl``
-    (:class:`sb3_hucrl.HUCRLState`) in the model's zip file: a loaded model goes on where it was.
+    ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′), refits the model, and so on.
+    What is learned is ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`) in its zip file: a loaded model goes on from it.
 
     :param exploration: a strategy, or the name of one (:data:`sb3_hucrl.exploration.STRATEGIES`)
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
@@ -107,7 +106,7 @@ class HUCRLCallback(BaseCallback):
     def _on_training_start(self) -> None:
         require_place(self, HUCRLCallback)
         model, self._env = self.model, find_imagination(self.training_env)
-        self._products = FastProducts(model.device)
+        FastProducts(model.device)
         hooks = self._save, self._on_refit
         self._loop = make_loop(model, self._env, self.settings, self.transitions, *hooks, self.given_verbose)
         self._file, self._search = Checkpoint(model, self.checkpoint), make_search(model, self._env, self._loop)
@@ -128,10 +127,12 @@ class HUCRLCallback(BaseCallback):
         # rl_zoo3 calls this a second time, and also after an interruption: a search cut short is not played.
         if self._searching and self.model.num_timesteps >= self._total_timesteps and self._search.steps > 0:
             self._end_search()
-        self._searching = False
-        self._env.real()
-        for part in (self._file, self._log, self._products):
-            part.end()
+        if self._searching:
+            self._searching = False
+            self._env.real()
+            self._file.end()
+        self._log.end()
+        FastProducts.end()
 
     def _start_search(self) -> None:
         ends = (self.model.num_timesteps + self._loop.imagined_steps) / self._total_timesteps

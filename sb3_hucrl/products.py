@@ -38,7 +38,8 @@ class FastProducts:
         if not _is_exact():
             self.end()
 
-    def end(self) -> None:
+    @staticmethod
+    def end() -> None:
         """Leave PyTorch as it was. A second call changes nothing."""
         if FastProducts.changed and th.get_float32_matmul_precision() == "medium":
             th.set_float32_matmul_precision("highest")

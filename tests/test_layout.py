@@ -145,4 +145,4 @@ def test_only_the_adapters_touch_what_is_private_to_others() -> None:
 
 
 def test_the_callback_stays_thin() -> None:
-    assert len((ROOT / "sb3_hucrl" / "callbacks.py").read_text().splitlines()) < 150
+    assert len((ROOT / "sb3_hucrl" / "callbacks.py").read_text().splitlines()) <= 150
