@@ -4,7 +4,8 @@ Two policy searches on eighteen environments, each with its default setting, bes
 On each environment, the same command trains with nothing changed but the environment's id. SAC gets rl_zoo3's own
 settings for the environment, and is looked at after the same and after ten times the real steps. Each run writes one
 CSV; a run whose CSV exists is skipped, and one that failed has its error there. Table and picture show whatever there
-is. ``--quick`` checks within minutes that everything works, with runs too short to learn anything.
+is. ``--quick`` checks within minutes that everything works, with runs too short to learn anything. ``--real-steps``,
+with another ``--output``, looks at some environments for longer.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ def main() -> None:
     parser.add_argument("--who", nargs="+", choices=list(PLANS), default=list(PLANS), help="the sides to run")
     parser.add_argument("--algo", choices=["sac", "sbx_sac"], default=FASTEST, help="searches H-UCRL's policy")
     parser.add_argument("--baseline", choices=["sac", "sbx_sac"], default=FASTEST, help="SAC without a model")
+    parser.add_argument("--real-steps", type=int, help="of each run, instead of the environments' own")
     parser.add_argument("--quick", action="store_true", help="very short runs, to check that everything works")
     parser.add_argument("--draw", action="store_true", help="run nothing: table and picture of what there is")
     parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
@@ -43,6 +45,11 @@ def main() -> None:
     args = parser.parse_args()
 
     tasks = [replace(task, real_steps=QUICK_STEPS) for task in TASKS] if args.quick else list(TASKS)
+    if args.real_steps is not None:
+        # A study of its own: table and picture are of these environments alone.
+        tasks = [
+            replace(task, real_steps=args.real_steps) for task in tasks if args.envs is None or task.env in args.envs
+        ]
     if args.quick:
         args.output = args.output / "quick"
         args.table, args.picture = [], args.output / "suite.png"

@@ -19,6 +19,7 @@ mpl.use("agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
+#: at most
 COLUMNS = 6
 #: points of each curve
 POINTS = 200
@@ -52,9 +53,10 @@ def draw(results: pd.DataFrame, tasks: Sequence[SuiteTask], picture: Path) -> No
     :param tasks: the environments, in the order of the panels
     :param picture: file to write
     """
-    rows = -(-len(tasks) // COLUMNS)
+    columns = min(len(tasks), COLUMNS)
+    rows = -(-len(tasks) // columns)
     figure, axes = plt.subplots(
-        rows, COLUMNS, figsize=(3 * COLUMNS, 2.7 * rows + 0.5), squeeze=False, layout="constrained"
+        rows, columns, figsize=(3 * columns, 2.7 * rows + 0.5), squeeze=False, layout="constrained"
     )
     for axis, task in zip(axes.flat, tasks, strict=False):
         _draw_panel(axis, results[results.env == task.env], task)
@@ -101,7 +103,7 @@ def _draw_panel(axis: Axes, results: pd.DataFrame, task: SuiteTask) -> None:
         notes.append("not run yet" if results.empty else "no episode")
     axis.axvline(task.real_steps, color="0.4", linestyle=":", linewidth=1)
     axis.set_xscale("log")
-    axis.set_xlim(right=TENFOLD * task.real_steps)
+    axis.set_xlim(right=task.real_steps * max(STYLES[who][1] for who in {"hsvg", *results.who.unique()}))
     if notes:
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
         axis.text(0.03, 0.95, "\n".join(notes), transform=axis.transAxes, fontsize=8, verticalalignment="top", bbox=box)
