@@ -1,6 +1,7 @@
 """The learned world: what is imagined, from where, and how far the model is trusted."""
 
 from sb3_hucrl.imagination.accuracy import unseen_r2
+from sb3_hucrl.imagination.circles import Circles
 from sb3_hucrl.imagination.episodes import Array, BatchActor, imagine_episode, imagined_return
 from sb3_hucrl.imagination.horizon import trusted_horizon
 from sb3_hucrl.imagination.limits import Limits
@@ -14,6 +15,7 @@ from sb3_hucrl.imagination.world import World, WorldStep
 __all__ = [
     "Array",
     "BatchActor",
+    "Circles",
     "ImaginedStep",
     "Learned",
     "Limits",

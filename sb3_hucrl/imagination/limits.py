@@ -9,6 +9,7 @@ import torch as th
 from sb3_hucrl.checks import validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import Predictor
+from sb3_hucrl.imagination.circles import Circles
 from sb3_hucrl.imagination.uncertainty import epistemic_limit
 from sb3_hucrl.tasks.base import Task
 
@@ -23,19 +24,21 @@ OUTCOME_REACH = (0.5, 1.0)
 @dataclass(frozen=True)
 class Limits:
     """
-    The plausible range of states, dimensions that stay as they are, and the uncertainty at which trajectories end. The
-    default has no limits.
+    The plausible range of states, dimensions that stay as they are or on a circle, and the uncertainty at which
+    trajectories end. The default has no limits.
 
     :param low: lower bound of the p predicted dimensions, shape (p,), or None
     :param high: upper bound, shape (p,), or None
     :param constant: dimensions that stay as they are, shape (p,), boolean, or None
     :param max_epistemic_std: a trajectory is truncated where any dimension exceeds this, shape (p,); None for never
+    :param circles: on which pairs of dimensions stay, or None
     """
 
     low: th.Tensor | None = None
     high: th.Tensor | None = None
     constant: th.Tensor | None = None
     max_epistemic_std: th.Tensor | None = None
+    circles: Circles | None = None
 
     @classmethod
     def from_data(
@@ -70,7 +73,9 @@ class Limits:
             constant[: p - outcomes] = dataset.constant_dims(p - outcomes)
             constant = constant.to(device) if constant.any() else None
         max_epistemic_std = None if cap is None else epistemic_limit(model, real, cap)
-        return cls((low - margin).to(device), (high + margin).to(device), constant, max_epistemic_std)
+        circles = Circles.find(visited[:, : p - outcomes])
+        circles = None if circles is None else circles.to(device)
+        return cls((low - margin).to(device), (high + margin).to(device), constant, max_epistemic_std, circles)
 
     def apply(self, state: th.Tensor, next_state: th.Tensor) -> th.Tensor:
         """
@@ -80,7 +85,15 @@ class Limits:
         """
         if self.low is not None:
             next_state = next_state.clamp(self.low, self.high)
+        next_state = self.on_circles(next_state)
         return next_state if self.constant is None else th.where(self.constant, state, next_state)
+
+    def on_circles(self, states: th.Tensor) -> th.Tensor:
+        """
+        :param states: shape (B, p)
+        :return: the nearest ones whose cosines and sines belong to an angle
+        """
+        return states if self.circles is None else self.circles.project(states)
 
     def exceeded(self, epistemic_std: th.Tensor) -> th.Tensor | None:
         """
