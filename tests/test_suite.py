@@ -243,3 +243,17 @@ def test_all_sides_run_and_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert ours.error.isna().all()
     assert robots.error.isna().all()
     assert others.error.isna().all()
+
+
+def test_longer_runs_are_drawn_on_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, "hsvg", episodes([-1_000] * 10 + [-200] * 10))
+    picture = tmp_path / "picture.png"
+    words = ["--draw", "--envs", "Pendulum-v1", "--real-steps", "2000", "--output", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["suite.py", *words, "--table", "--picture", str(picture)])
+    main()
+    printed = capsys.readouterr().out
+    assert "**H-SVG: 1 of 1**" in printed
+    assert "| `Pendulum-v1` | 2,000 |" in printed
+    assert picture.stat().st_size > 5_000
