@@ -1,7 +1,7 @@
 """H-UCRL for Stable-Baselines3: optimistic model-based reinforcement learning with the algorithms you already use."""
 
 # First: `python -m sb3_hucrl.doctor` ends here, because any of the other imports may be what is broken.
-from sb3_hucrl.doctor import early  # noqa: F401
+from sb3_hucrl.doctor import early  # noqa: F401  # for its effect
 
 # isort: split
 from sb3_hucrl._version import __version__

@@ -90,7 +90,7 @@ class Trajectories:
         world = self.world
         count = self.num_envs if indices is None else len(indices)
         states, from_initial = world.starts.sample(count, self._start_generator)
-        # Inflated ones are beside them.
+        # Inflated start states are beside their circles.
         states = world.limits.on_circles(states.to(world.device))
         if indices is None:
             indices = np.arange(self.num_envs)
