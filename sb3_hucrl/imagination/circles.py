@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import torch as th
 
+from sb3_hucrl.checks import validated
+
 #: how far s_i² + s_j² may vary, as a fraction of what each square varies
 ROUNDING = 1e-3
 #: what s_i² + s_j² is at least, as a fraction of its real value, where a step divides by it
 NEARLY_ZERO = 1e-6
 
 
+@validated
 @dataclass(frozen=True)
 class Circles:
     """
