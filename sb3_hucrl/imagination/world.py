@@ -97,9 +97,9 @@ class World:
                 f"env_kwargs: {{{ours}}}"
             )
 
-    @property
+    @cached_property
     def device(self) -> th.device:
-        """Where states and actions are expected."""
+        """Where states and actions are expected. Cached: every imagined step asks, and PyTorch walks all modules."""
         return self.predictor.device
 
     @cached_property
