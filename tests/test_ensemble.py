@@ -160,6 +160,35 @@ def test_hidden_layers_are_normalised_if_asked_for() -> None:
     assert normalised.networks(inputs).abs().max() < 10
 
 
+def test_a_linear_path_lets_normalised_members_disagree_where_there_are_no_data() -> None:
+    def linear(state: th.Tensor, action: th.Tensor) -> th.Tensor:
+        return state + 0.1 * (state @ th.tensor([[0.0, -1.0], [2.0, 0.5]]) + action)
+
+    def transitions(size: float, seed: int) -> Transitions:
+        generator = th.Generator().manual_seed(seed)
+        states, actions = size * th.randn(200, 2, generator=generator), th.randn(200, 1, generator=generator)
+        nothing = th.zeros(200)
+        return Transitions(states, actions, linear(states, actions), nothing, nothing.bool())
+
+    dataset, far = TransitionDataset(2, 1), transitions(10.0, seed=1)
+    dataset.append_episode(transitions(1.0, seed=0))
+    covered = []
+    for linear_path in (True, False):
+        generator = th.Generator().manual_seed(0)
+        model = DeterministicEnsemble(2, 1, layer_norm=True, linear_path=linear_path, generator=generator)
+        model.fit(dataset, th.Generator().manual_seed(0))
+        prediction = model.predict(far.states, far.actions)
+        error = (prediction.mean - far.next_states).abs()
+        covered.append(float((error < 2 * prediction.epistemic_std).float().mean()))
+    assert covered[0] > 0.8
+    assert covered[1] < 0.5
+
+
+def test_a_linear_path_needs_as_many_units_at_its_end() -> None:
+    with pytest.raises(ValueError, match=r"net_arch is \[64, 32\]: give widths whose first and last one are the same"):
+        ensemble(net_arch=[64, 32], linear_path=True)
+
+
 def test_normalised_networks_do_not_jump_at_the_mean_of_the_data() -> None:
     model = ensemble(layer_norm=True)
     networks = model.networks

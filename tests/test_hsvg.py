@@ -161,6 +161,22 @@ def test_the_actor_waits_for_the_critics_after_a_refit() -> None:
     assert not th.equal(critic, parameters_to_vector(model.critic.parameters()))
 
 
+def test_the_policy_learns_from_some_of_the_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _ = imagining(critic_updates=0, learning_starts=0, gradient_steps=6, policy_delay=3)
+    steps: list[int] = []
+    monkeypatch.setattr(model.actor.optimizer, "step", lambda: steps.append(model._n_updates))
+    model.learn(16)
+    assert model._n_updates == 6
+    assert steps == [0, 3]
+
+
+def test_the_unit_is_that_of_imagined_rewards_where_real_ones_are_small() -> None:
+    for std, expected in ((1e-6, 0.1), (10.0, 10.0)):
+        model, _ = imagining(replace(small_world(Noisy(), horizon=100), reward_std=std), learning_starts=0)
+        model.learn(32)
+        assert model.reward_unit == pytest.approx(expected, rel=0.9)
+
+
 def test_values_without_a_bound_are_refused() -> None:
     with pytest.raises(ValueError, match="gamma is 1"):
         hsvg(gamma=1)

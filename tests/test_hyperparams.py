@@ -29,8 +29,8 @@ SNAPSHOT = Path(__file__).parent / "data" / "hyperparams.json"
 DEFAULT = "default"
 #: environments on which our own algorithms are told to use no model
 WITHOUT_MODEL = {"Pendulum-v1"}
-#: came later, and has one setting for all
-NEW = {"hsvg": {DEFAULT}}
+#: came later, with one setting for what pays nearby, and one for what does not
+NEW = {"hsvg": {DEFAULT, "HUCRL-Pendulum-v0", "HUCRL-CartPole-v0", "HUCRL-MountainCarContinuous-v0"}}
 
 
 def entries(path: Path) -> dict[str, dict[str, Any]]:

@@ -47,13 +47,16 @@ class HSVG(ImaginingSAC):
     et al. 2025). Both begin in states of SAC's replay buffer, which longer imagined trajectories fill.
 
     The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′. Its
-    objective is in standard deviations of the real rewards so far, and so is the entropy coefficient.
+    objective is in standard deviations of the real rewards so far, or of the imagined ones where those are larger, and
+    so is the entropy coefficient.
 
     :param policy: ``"MlpPolicy"``
     :param env: wrapped in an ImaginationVecEnv
     :param learning_rate: of actor, critics and entropy coefficient
     :param horizon: N
     :param critic_updates: updates of the critics alone after each refit: the new model's values before its gradients
+    :param policy_delay: updates of the critics for each one of the policy; values travel N steps with each update of
+        the target critics, so that a reward that is far away needs many
     :param target_entropy: of the real action; ``"auto"`` is minus half the number of its dimensions
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param kwargs: further arguments of SAC
@@ -72,6 +75,7 @@ class HSVG(ImaginingSAC):
         learning_rate: Positive | Schedule = 1e-3,
         horizon: Count = 5,
         critic_updates: Natural = 250,
+        policy_delay: Count = 1,
         max_grad_norm: Positive = 40.0,
         ent_coef: str | NotNegative = "auto_0.1",
         target_entropy: Real | Literal["auto"] = "auto",
@@ -81,7 +85,8 @@ class HSVG(ImaginingSAC):
     ) -> None:
         if kwargs.get("gamma") == 1:
             raise ArgumentError.of_value("gamma", 1, "less than 1: H-SVG bounds values by rewards / (1 - gamma)")
-        self.horizon, self.critic_updates, self.max_grad_norm = horizon, critic_updates, max_grad_norm
+        self.horizon, self.critic_updates, self.policy_delay = horizon, critic_updates, policy_delay
+        self.max_grad_norm = max_grad_norm
         self.chooses_target_entropy = target_entropy == "auto"
         super().__init__(
             policy,
@@ -98,6 +103,8 @@ class HSVG(ImaginingSAC):
         super()._setup_model()
         self._last_world: World | None = None
         self._reward_range = (np.inf, -np.inf)
+        #: one unit of the objective, in units of the reward
+        self.reward_unit = 1.0
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         world = imagined_world(self)
@@ -108,13 +115,22 @@ class HSVG(ImaginingSAC):
             self._reward_range = (np.inf, -np.inf)
             if self.chooses_target_entropy:
                 self.target_entropy = -0.5 * world.predictor.action_dim
+            self.reward_unit = max(world.reward_std, self._imagined_reward_std(world, batch_size))
             for critic in (self.critic, self.critic_target):
-                critic.adopt(world.reward_std)
+                critic.adopt(self.reward_unit)
             for _ in range(self.critic_updates):
                 self._update(world, batch_size, noted, with_actor=False)
         for _ in range(gradient_steps):
-            self._update(world, batch_size, noted, with_actor=True)
+            self._update(world, batch_size, noted, with_actor=self._n_updates % self.policy_delay == 0)
         self._record_means(noted)
+
+    @th.no_grad()
+    def _imagined_reward_std(self, world: World, batch_size: int) -> float:
+        """What pays has not been met in reality yet where real rewards are next to nothing."""
+        assert self.replay_buffer is not None  # set up
+        dim, observations = world.predictor.action_dim, self.replay_buffer.sample(batch_size).observations
+        rollout = imagine(world, observations, lambda seen: self.act(seen, dim)[0], self.horizon, 1.0, self._generator)
+        return float(th.cat(rollout.rewards).std(correction=0))
 
     def _update(self, world: World, batch_size: int, noted: dict[str, list[float]], with_actor: bool) -> None:
         assert self.replay_buffer is not None  # set up
@@ -125,14 +141,14 @@ class HSVG(ImaginingSAC):
             expansion = self.expand(world, observations)
         if with_actor:
             self.actor.optimizer.zero_grad()
-            (-expansion.performance.mean() / world.reward_std).backward()
+            (-expansion.performance.mean() / self.reward_unit).backward()
             noted["actor_grad"].append(float(clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)))
             self.actor.optimizer.step()
             noted["performance"].append(expansion.performance.mean().item())
             self._train_ent_coef(expansion.first_log_prob)
         self.critic.requires_grad_(True)
         values = self.critic.values(observations, expansion.first_action.detach())
-        loss = ((values - expansion.target) / world.reward_std).square().mean(dim=1).sum()
+        loss = ((values - expansion.target) / self.reward_unit).square().mean(dim=1).sum()
         self.critic.optimizer.zero_grad()
         loss.backward()
         self.critic.optimizer.step()
@@ -164,7 +180,7 @@ class HSVG(ImaginingSAC):
         :param world: to act in
         :param observations: of B states, shape (B, observation dimension)
         """
-        ent_coef, dim = self._ent_coef() * world.reward_std, world.predictor.action_dim
+        ent_coef, dim = self._ent_coef() * self.reward_unit, world.predictor.action_dim
         actions: list[th.Tensor] = []
         log_probs: list[th.Tensor] = []
 

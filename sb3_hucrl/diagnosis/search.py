@@ -99,7 +99,7 @@ def measure_search(
         return imagined_return(world.trajectories(JUDGED, seed=0), act)
 
     effort, saturated = _actions(model, world, state)
-    unit = world.reward_std if isinstance(model, HSVG) else reward_unit(model.get_vec_normalize_env())
+    unit = model.reward_unit if isinstance(model, HSVG) else reward_unit(model.get_vec_normalize_env())
     return SearchMeasures(
         mode=earned(policy_actor(model, deterministic=True)),
         unsteered=earned(_unsteered(policy_actor(model, deterministic=True), action_dim)),

@@ -43,12 +43,15 @@ class Ensemble(DeltaModel):
     :param gradient_steps: gradient steps per fit, at most
     :param steps_per_transition: gradient steps for each transition that is new since the last fit, so that frequent
         refits stay short; None for ``gradient_steps`` in each fit
-    :param layer_norm: whether hidden layers are normalised
+    :param layer_norm: whether hidden layers are normalised: more exact where there are data, and overconfident where
+        there are none
+    :param linear_path: whether the first layer's output is added to the last hidden layer, which must have the same
+        width: members with normalised layers disagree then where there are no data
     :param weight_decay: of AdamW, per gradient step and learning rate
     :param bootstrap: whether each member weights the transitions differently
     :param recalibrate: scale standard deviations to match the errors on held-out transitions
     :param generator: draws the initial parameters
-    :raises ValueError: if there are fewer than 2 members
+    :raises ValueError: if there are fewer than 2 members, or the widths do not fit
     """
 
     #: of ensembles in files of earlier versions
@@ -71,6 +74,7 @@ class Ensemble(DeltaModel):
         gradient_steps: Count = 1_000,
         steps_per_transition: Positive | None = None,
         layer_norm: bool = False,
+        linear_path: bool = False,
         weight_decay: NotNegative = 0.0,
         bootstrap: bool = True,
         recalibrate: bool = False,
@@ -83,8 +87,13 @@ class Ensemble(DeltaModel):
         self.gradient_steps, self.steps_per_transition = gradient_steps, steps_per_transition
         self.weight_decay = weight_decay
         self.bootstrap = bootstrap
+        if linear_path and (not net_arch or net_arch[0] != net_arch[-1]):
+            raise ArgumentError.of_value(
+                "net_arch", net_arch, "widths whose first and last one are the same, or leave linear_path out"
+            )
+        outputs = self.outputs_per_dim * state_dim
         self.networks = BatchedNetworks(
-            num_members, self.input_dim, net_arch, self.outputs_per_dim * state_dim, generator, layer_norm
+            num_members, self.input_dim, net_arch, outputs, generator, layer_norm, linear_path
         )
 
     @abstractmethod

@@ -44,16 +44,21 @@ class BatchedNetworks(nn.Module):
     """
     M multilayer perceptrons with SiLU activations, whose hidden layers can be normalised before them.
 
+    A normalised layer hardly tells a large input from a very large one, so members agree where they know nothing. On a
+    linear path the first layer's output reaches the output layer as it is, beside the last hidden layer: far from the
+    data members are linear, and each has another slope.
+
     :param num_members: M
     :param input_dim: input width
     :param net_arch: widths of the hidden layers
     :param output_dim: output width
     :param generator: draws the initial weights
     :param layer_norm: whether hidden layers have mean 0 and variance 1 over their units (Ba et al. 2016)
+    :param linear_path: whether there is one; the first and the last hidden layer must have the same width
     """
 
     #: of networks in files of earlier versions
-    layer_norm = False
+    layer_norm = linear_path = False
 
     def __init__(
         self,
@@ -63,9 +68,10 @@ class BatchedNetworks(nn.Module):
         output_dim: int,
         generator: th.Generator | None,
         layer_norm: bool = False,
+        linear_path: bool = False,
     ) -> None:
         super().__init__()
-        self.layer_norm = layer_norm
+        self.layer_norm, self.linear_path = layer_norm, linear_path
         self.layers = nn.ModuleList(
             BatchedLinear(num_members, width, next_width, generator)
             for width, next_width in pairwise([input_dim, *net_arch, output_dim])
@@ -82,13 +88,17 @@ class BatchedNetworks(nn.Module):
         """
         if not th.is_grad_enabled() and inputs.shape[1] > CACHED_ROWS:
             return th.cat([self(rows, member) for rows in inputs.split(CACHED_ROWS, dim=1)], dim=1)
-        hidden = inputs
+        hidden, linear = inputs, None
         for layer in self.layers[:-1]:
-            # In place unless a gradient needs the old values, which halves the time of a large batch.
             hidden = layer(hidden, member)
+            if self.linear_path and linear is None:
+                linear = hidden
             if self.layer_norm:
                 hidden = layer_norm(hidden, hidden.shape[-1:])
-            hidden = silu(hidden, inplace=not th.is_grad_enabled())
+            # In place unless the old values are needed, which halves the time of a large batch.
+            hidden = silu(hidden, inplace=not th.is_grad_enabled() and hidden is not linear)
+        if linear is not None:
+            hidden = hidden + linear
         outputs: th.Tensor = self.layers[-1](hidden, member)
         return outputs
 
