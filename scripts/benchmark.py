@@ -1,6 +1,6 @@
 """
-Real returns per real episode on an environment of this package, over seeds, action penalties, strategies, models and
-start states.
+Real returns per real episode on an environment for which the package has hyperparameters, over seeds, action penalties,
+strategies, models and start states.
 
 Each run is ``rl_zoo3 train`` with the package's hyperparameters, in its own process on one thread. A finished run is
 appended to the CSV at once. If the command is given again, it skips finished runs.
@@ -95,7 +95,9 @@ def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
     chosen["hucrl_start_states"] = START_STATES[run.start_states]
     chosen.update(settings)
     hallucinate = "hucrl_exploration" not in chosen
-    env_kwargs = [f"action_penalty:{run.action_penalty}", f"hallucinate:{hallucinate}"]
+    # Environments of others have no such argument.
+    penalty = [f"action_penalty:{run.action_penalty}"] if run.env in ENVIRONMENTS else []
+    env_kwargs = [*penalty, f"hallucinate:{hallucinate}"]
     return [
         *(sys.executable, "-m", "rl_zoo3.train", "--algo", run.algo, "--env", run.env),
         *("--seed", str(run.seed), "--num-threads", "1", "--eval-freq", "-1", "-f", folder),
@@ -146,10 +148,12 @@ def main() -> None:
     """Run what is missing and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", nargs="+", default=["sac"])
-    parser.add_argument("--env", choices=list(ENVIRONMENTS), default="HUCRL-Pendulum-v0")
+    parser.add_argument("--env", default="HUCRL-Pendulum-v0", help="an entry in the files of all algorithms")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
     parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
-    parser.add_argument("--penalties", nargs="+", type=float, default=[0.1, 0.2])
+    parser.add_argument(
+        "--penalties", nargs="+", type=float, default=[0.1, 0.2], help="of our environments; give 0 for others"
+    )
     parser.add_argument("--start-states", nargs="+", choices=list(START_STATES), default=["exploratory"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[51, 52, 53, 54, 55])
     parser.add_argument("--jobs", type=int, default=2, help="number of parallel runs")
