@@ -18,6 +18,7 @@ from suite_parts.tasks import SuiteTask
 mpl.use("agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 #: at most
 COLUMNS = 6
@@ -104,6 +105,10 @@ def _draw_panel(axis: Axes, results: pd.DataFrame, task: SuiteTask) -> None:
     axis.axvline(task.real_steps, color="0.4", linestyle=":", linewidth=1)
     axis.set_xscale("log")
     axis.set_xlim(right=task.real_steps * max(STYLES[who][1] for who in {"hsvg", *results.who.unique()}))
+    left, right = axis.get_xlim()
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if right < 300 * left else (1.0,), numticks=12))
+    axis.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axis.xaxis.set_minor_formatter(NullFormatter())
     if notes:
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
         axis.text(0.03, 0.95, "\n".join(notes), transform=axis.transAxes, fontsize=8, verticalalignment="top", bbox=box)
