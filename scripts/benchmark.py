@@ -148,7 +148,7 @@ def main() -> None:
     """Run what is missing and print the summary."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--algo", nargs="+", default=["sac"])
-    parser.add_argument("--env", default="HUCRL-Pendulum-v0", help="an entry in the files of all algorithms")
+    parser.add_argument("--env", default="HUCRL-Pendulum-v0", help="id with HUCRL-")
     parser.add_argument("--exploration", nargs="+", choices=list(EXPLORATIONS), default=["optimistic", "greedy"])
     parser.add_argument("--dynamics", nargs="+", choices=list(DYNAMICS), default=["ensemble"])
     parser.add_argument(
