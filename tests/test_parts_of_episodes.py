@@ -69,7 +69,7 @@ def test_parts_make_up_the_episodes_that_the_environment_played() -> None:
     assert reports[-1].scalars["real/return"] == pytest.approx(float(dataset.episodes[2].rewards.sum()))
 
 
-def test_real_steps_are_exact_in_a_training_and_its_curve_has_whole_episodes(tmp_path: Path) -> None:
+def test_a_training_plays_exact_parts_until_it_ends_with_a_whole_episode(tmp_path: Path) -> None:
     env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, env_kwargs={"max_episode_steps": LENGTH}))
     model = small_sac(env)
     callback = small_callback(
@@ -77,19 +77,20 @@ def test_real_steps_are_exact_in_a_training_and_its_curve_has_whole_episodes(tmp
     )
     model.learn(10_000, callback=callback)
     state = state_of(model)
-    assert (state.real_steps, state.dataset.lengths, state.dataset.under_way) == (100, [LENGTH] * 3, 10)
+    # 100 steps are used up after ten of the fourth episode.
+    assert (state.dataset.lengths, state.dataset.under_way) == ([LENGTH] * 4, 0)
     progress = pd.read_csv(tmp_path / "progress.csv")
-    assert progress["real/steps"].to_list() == [40, 60, 80, 100]
-    assert progress["real/episode"].to_list() == [1, 2, 2, 3]
+    assert progress["real/steps"].to_list() == [40, 60, 80, 120]
+    assert progress["real/episode"].to_list() == [1, 2, 2, 4]
     # What was imagined before the second episode's third part is not promised of the third episode.
-    assert [each.real_episode for each in state.promised_returns] == [3]
+    assert [each.real_episode for each in state.promised_returns] == [3, 4]
 
 
 def test_a_training_that_ended_within_an_episode_goes_on_with_a_new_one(tmp_path: Path) -> None:
     env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, env_kwargs={"max_episode_steps": LENGTH}))
     model = small_sac(env)
-    settings: dict[str, Any] = {"initial_steps": 40, "real_steps": 20, "whole_episodes": False}
-    model.learn(10_000, callback=small_callback(**settings, max_real_steps=40))
+    settings: dict[str, Any] = {"initial_steps": 20, "real_steps": 20, "whole_episodes": False}
+    model.learn(16, callback=small_callback(**settings))
     model.save(tmp_path / "model.zip")
     saved = saved_curve(tmp_path / "model.zip")
     loaded = type(model).load(tmp_path / "model.zip", env=imagination_env(max_episode_steps=LENGTH))

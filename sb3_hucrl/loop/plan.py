@@ -45,9 +45,12 @@ class Plan:
 
     @property
     def part(self) -> int | None:
-        """Number of real steps, at most, until it is time for a refit; None where refits wait for whole episodes."""
+        """
+        Number of real steps, at most, until it is time for a refit; None to the end of the episode: where refits wait
+        for whole ones, and in the last one.
+        """
         real = self.settings.real
-        if real.whole_episodes:
+        if real.whole_episodes or self.progress >= 1:
             return None
         steps = real.initial_steps if self.state.fitted_steps == 0 else real.real_steps
         missing = self._missing_steps(steps)

@@ -43,11 +43,12 @@ class RealSettings:
     :param real_episodes: after each search, at least 1
     :param real_steps: steps that these have together, at least; None as above
     :param real_envs: number of environments in which they are played at once, at least 1
-    :param max_real_steps: that end the training; None for no such number
+    :param max_real_steps: that end the training, with the episode that is under way; None for no such number
     :param sampling_fraction: fraction of the training in which they sample the policy, in [0, 1]
     :param reward_threshold: a return, mean of a round, that ends the training; None for none
     :param whole_episodes: whether refits wait for the end of a real episode. If not, the real environment waits for the
-        search: after ``initial_steps`` and ``real_steps``, and not more, the episode goes on with a new policy
+        search: after ``initial_steps`` and ``real_steps``, and not more, the episode goes on with a new policy. Only
+        the last policy plays on to the end of its episode
     :raises ValueError: if a number is out of its range
     """
 
