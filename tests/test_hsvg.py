@@ -177,6 +177,18 @@ def test_the_unit_is_that_of_imagined_rewards_where_real_ones_are_small() -> Non
         assert model.reward_unit == pytest.approx(expected, rel=0.9)
 
 
+def test_critics_in_units_of_values_soon_know_what_it_is_worth_to_stay_alive() -> None:
+    class Alive(PendulumTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return th.ones(len(state))
+
+    world = small_world(Noisy(), task=Alive(), horizon=100)
+    model, _ = imagining(world, learning_starts=0, gamma=0.99, tau=0.05, critic_updates=400, ent_coef=0.0)
+    model.learn(16)
+    # On the way to 100, five steps with each update of the targets. In units of the reward they would be at 3.
+    assert float(model.critic.values(observations(), th.zeros(64, 3)).detach().min()) > 10
+
+
 def test_values_without_a_bound_are_refused() -> None:
     with pytest.raises(ValueError, match="gamma is 1"):
         hsvg(gamma=1)

@@ -48,7 +48,9 @@ class HSVG(ImaginingSAC):
 
     The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′. Its
     objective is in standard deviations of the real rewards so far, or of the imagined ones where those are larger, and
-    so is the entropy coefficient.
+    so is the entropy coefficient. The critics' outputs are in units that are 1 / √(1 - γ) times as large, about the
+    standard deviation of a value if rewards were independent: a reward of 1 for every step has a value of 100, which
+    would take a thousand updates of Adam in units of the reward.
 
     :param policy: ``"MlpPolicy"``
     :param env: wrapped in an ImaginationVecEnv
@@ -117,7 +119,7 @@ class HSVG(ImaginingSAC):
                 self.target_entropy = -0.5 * world.predictor.action_dim
             self.reward_unit = max(world.reward_std, self._imagined_reward_std(world, batch_size))
             for critic in (self.critic, self.critic_target):
-                critic.adopt(self.reward_unit)
+                critic.adopt(self.reward_unit / (1 - self.gamma) ** 0.5)
             for _ in range(self.critic_updates):
                 self._update(world, batch_size, noted, with_actor=False)
         for _ in range(gradient_steps):
