@@ -177,16 +177,21 @@ def test_the_unit_is_that_of_imagined_rewards_where_real_ones_are_small() -> Non
         assert model.reward_unit == pytest.approx(expected, rel=0.9)
 
 
-def test_critics_in_units_of_values_soon_know_what_it_is_worth_to_stay_alive() -> None:
+def test_critics_in_larger_units_sooner_know_what_it_is_worth_to_stay_alive() -> None:
     class Alive(PendulumTask):
         def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
             return th.ones(len(state))
 
     world = small_world(Noisy(), task=Alive(), horizon=100)
-    model, _ = imagining(world, learning_starts=0, gamma=0.99, tau=0.05, critic_updates=400, ent_coef=0.0)
-    model.learn(16)
-    # On the way to 100, five steps with each update of the targets. In units of the reward they would be at 3.
-    assert float(model.critic.values(observations(), th.zeros(64, 3)).detach().min()) > 10
+    settings: dict[str, Any] = {"learning_starts": 0, "gamma": 0.99, "tau": 0.05, "ent_coef": 0.0}
+    seen, actions, values = observations(), th.zeros(64, 3), []
+    for scale in (1.0, 10.0):
+        model, _ = imagining(world, critic_scale=scale, critic_updates=400, **settings)
+        model.learn(16)
+        values.append(float(model.critic.values(seen, actions).detach().mean()))
+    # On the way to 100, by five steps with each update of the targets.
+    assert values[0] < 5
+    assert values[1] > 15
 
 
 def test_values_without_a_bound_are_refused() -> None:

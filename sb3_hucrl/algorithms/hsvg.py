@@ -48,9 +48,7 @@ class HSVG(ImaginingSAC):
 
     The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′. Its
     objective is in standard deviations of the real rewards so far, or of the imagined ones where those are larger, and
-    so is the entropy coefficient. The critics' outputs are in units that are 1 / √(1 - γ) times as large, about the
-    standard deviation of a value if rewards were independent: a reward of 1 for every step has a value of 100, which
-    would take a thousand updates of Adam in units of the reward.
+    so is the entropy coefficient.
 
     :param policy: ``"MlpPolicy"``
     :param env: wrapped in an ImaginationVecEnv
@@ -60,6 +58,9 @@ class HSVG(ImaginingSAC):
     :param policy_delay: updates of the critics for each one of the policy; values travel N steps with each update of
         the target critics, so that a reward that is far away needs many
     :param target_entropy: of the real action; ``"auto"`` is minus half the number of its dimensions
+    :param critic_scale: one unit of the critics' outputs, in units of the objective. An update moves them by a few
+        hundredths of it, so large values, such as 100 for a reward of 1 in every step, are learned sooner with a larger
+        one. Where small differences decide, such as the cost of a swing-up, 1 was better
     :param max_grad_norm: bound on the norm of the policy's gradient
     :param kwargs: further arguments of SAC
     :raises ValueError: if a number is out of its range, or with gSDE
@@ -78,6 +79,7 @@ class HSVG(ImaginingSAC):
         horizon: Count = 5,
         critic_updates: Natural = 250,
         policy_delay: Count = 1,
+        critic_scale: Positive = 10.0,
         max_grad_norm: Positive = 40.0,
         ent_coef: str | NotNegative = "auto_0.1",
         target_entropy: Real | Literal["auto"] = "auto",
@@ -88,7 +90,7 @@ class HSVG(ImaginingSAC):
         if kwargs.get("gamma") == 1:
             raise ArgumentError.of_value("gamma", 1, "less than 1: H-SVG bounds values by rewards / (1 - gamma)")
         self.horizon, self.critic_updates, self.policy_delay = horizon, critic_updates, policy_delay
-        self.max_grad_norm = max_grad_norm
+        self.critic_scale, self.max_grad_norm = critic_scale, max_grad_norm
         self.chooses_target_entropy = target_entropy == "auto"
         super().__init__(
             policy,
@@ -119,7 +121,7 @@ class HSVG(ImaginingSAC):
                 self.target_entropy = -0.5 * world.predictor.action_dim
             self.reward_unit = max(world.reward_std, self._imagined_reward_std(world, batch_size))
             for critic in (self.critic, self.critic_target):
-                critic.adopt(self.reward_unit / (1 - self.gamma) ** 0.5)
+                critic.adopt(self.reward_unit * self.critic_scale)
             for _ in range(self.critic_updates):
                 self._update(world, batch_size, noted, with_actor=False)
         for _ in range(gradient_steps):
