@@ -86,6 +86,15 @@ def test_a_training_plays_exact_parts_until_it_ends_with_a_whole_episode(tmp_pat
     assert [each.real_episode for each in state.promised_returns] == [3, 4]
 
 
+def test_no_episode_begins_once_the_real_steps_are_used_up() -> None:
+    env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, env_kwargs={"max_episode_steps": LENGTH}))
+    model = small_sac(env)
+    settings: dict[str, Any] = {"initial_steps": 40, "real_steps": 40, "whole_episodes": False}
+    # The third episode ends after 90 steps, of a part that would last until 120.
+    model.learn(10_000, callback=small_callback(**settings, max_real_steps=85))
+    assert (state_of(model).dataset.lengths, state_of(model).dataset.under_way) == ([LENGTH] * 3, 0)
+
+
 def test_a_training_that_ended_within_an_episode_goes_on_with_a_new_one(tmp_path: Path) -> None:
     env = ImaginationVecEnv(make_vec_env(ENV_ID, 4, seed=0, env_kwargs={"max_episode_steps": LENGTH}))
     model = small_sac(env)

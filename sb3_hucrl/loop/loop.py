@@ -235,7 +235,7 @@ class Loop:
         """
         deterministic = not self._explores(progress)
         self._choose(search, deterministic)
-        while self._plan.misses_real or (self.progress >= 1 and self.state.dataset.under_way):
+        while self._plan.misses_real:
             planner = search.planner(deterministic)
             if planner is None and not self.state.dataset.under_way:
                 self._imagined = self._imagine(search.actor(deterministic))

@@ -71,7 +71,12 @@ class Plan:
 
     @property
     def misses_real(self) -> bool:
-        """Whether real episodes with a policy must be played before the next refit."""
+        """
+        Whether real episodes with a policy must be played before the next refit. With parts of episodes, once the
+        ``max_real_steps`` are used up, only the rest of the present one is.
+        """
+        if not self.settings.real.whole_episodes and self.progress >= 1:
+            return self.state.dataset.under_way > 0
         return self._misses(self.settings.real.real_episodes, self.settings.real.real_steps)
 
     @property
