@@ -20,8 +20,10 @@ from figures.launcher import LAUNCHERS
 from suite_parts.picture import draw
 from suite_parts.plans import FASTEST, PLANS
 from suite_parts.run import SuiteRun
-from suite_parts.table import put_into, read, table
+from suite_parts.table import brief_table, put_into, read, table
 from suite_parts.tasks import QUICK_STEPS, TASKS
+
+PAGES = [Path("docs/suite.md"), Path("README.md")]
 
 
 def main() -> None:
@@ -40,7 +42,7 @@ def main() -> None:
         "--launcher", choices=list(LAUNCHERS), default="local", help="where to run: on this machine or on a Ray cluster"
     )
     parser.add_argument("--output", type=Path, default=Path("results/suite"), help="folder of the CSVs")
-    parser.add_argument("--table", type=Path, nargs="*", default=[Path("docs/suite.md")], help="pages with its marks")
+    parser.add_argument("--table", type=Path, nargs="*", default=PAGES, help="pages with its marks")
     parser.add_argument("--picture", type=Path, default=Path("docs/suite.png"))
     args = parser.parse_args()
 
@@ -68,8 +70,9 @@ def main() -> None:
     text = table(results, tasks)
     print(text)
     for page in args.table:
-        picture = os.path.relpath(args.picture, page.parent)
-        put_into(page, f"{text}\n\n![Real return against real steps, with and without a model]({picture})")
+        picture = f"![Real return against real steps]({os.path.relpath(args.picture, page.parent)})"
+        medians = brief_table(results, tasks)
+        put_into(page, {"suite": f"{text}\n\n{picture}", "suite in brief": f"{picture}\n\n{medians}"})
     if errors:
         sys.exit("\n".join(errors))
 

@@ -21,7 +21,7 @@ from suite import main
 from suite_parts.measure import final_return, first_solved, played, trailing_means
 from suite_parts.plans import PLANS, default_entry, zoo_entry
 from suite_parts.run import SuiteRun
-from suite_parts.table import Line, put_into, read, table
+from suite_parts.table import Line, brief_table, put_into, read, table
 from suite_parts.tasks import GYMNASIUM, TASKS, SuiteTask
 
 TASK = SuiteTask("Pendulum-v1", 1_000, -250, "ours")
@@ -163,15 +163,32 @@ def test_the_table_counts_and_shows_what_is_missing(tmp_path: Path) -> None:
     assert table(read(tmp_path / "nowhere", [TASK]), [TASK]).startswith("**H-UCRL: 0 of 1**")
 
 
-def test_the_table_replaces_the_last_one(tmp_path: Path) -> None:
+def test_the_short_table_has_medians_and_marks_successes(tmp_path: Path) -> None:
+    other = SuiteTask("Hopper-v5", 1_000, 3_800)
+    for seed, value in enumerate([-100, -200, -210]):
+        write(tmp_path, "hucrl", episodes([value] * 10), seed)
+        write(tmp_path, "hsvg", episodes([100 + value] * 10), seed, other.env)
+    write(tmp_path, "baseline", episodes([-50] * 100), env=other.env)
+    assert brief_table(read(tmp_path, [TASK, other]), [TASK, other]).splitlines() == [
+        "| environment | real steps | H-UCRL | H-SVG | SAC, same steps | SAC, ten times the steps |",
+        "|---|---|---|---|---|---|",
+        "| `Pendulum-v1` | 1,000 | **-200** | not run | not run | not run |",
+        "| `Hopper-v5` | 1,000 | not run | -100 | -50 | -50 |",
+    ]
+
+
+def test_each_page_gets_the_table_that_it_has_marks_for(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- suite -->\nold\n<!-- end of suite -->\nafter\n")
-    put_into(page, "new")
-    put_into(page, "newer")
+    put_into(page, {"suite": "new", "suite in brief": "medians"})
+    put_into(page, {"suite": "newer", "suite in brief": "medians"})
     assert page.read_text() == "before\n<!-- suite -->\nnewer\n<!-- end of suite -->\nafter\n"
+    page.write_text("<!-- suite in brief --><!-- end of suite in brief -->")
+    put_into(page, {"suite": "new", "suite in brief": "medians"})
+    assert page.read_text() == "<!-- suite in brief -->\nmedians\n<!-- end of suite in brief -->"
     page.write_text("no marks")
-    with pytest.raises(ValueError, match="add the lines '<!-- suite -->'"):
-        put_into(page, "new")
+    with pytest.raises(ValueError, match="add the lines '<!-- suite -->' and '<!-- end of suite -->' or"):
+        put_into(page, {"suite": "new", "suite in brief": "medians"})
 
 
 def test_a_finished_run_is_not_run_again(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,16 +14,17 @@ from suite_parts.measure import failed, final_return, first_solved
 from suite_parts.plans import TENFOLD
 from suite_parts.tasks import GYMNASIUM, SuiteTask
 
-BEGIN, END = "<!-- suite -->", "<!-- end of suite -->"
 #: the policy searches in imagination that are compared with SAC, by the name of their side
 SEARCHES = {"hucrl": "H-UCRL", "hsvg": "H-SVG"}
 SIDES = {**SEARCHES, "baseline": "SAC"}
+BRIEF_HEADER = ("environment", "real steps", *SEARCHES.values(), "SAC, same steps", "SAC, ten times the steps")
 HEADER = (
     *("environment", "real steps", "solved at"),
     *(column for name in SEARCHES.values() for column in (name, "first solved, each seed", "verdict")),
     *("SAC, same steps", "SAC, ten times the steps"),
 )
 Verdict = Literal["solved", "better than SAC at 10x", "fails", "not solved", "not run"]
+SUCCESSES: tuple[Verdict, ...] = ("solved", "better than SAC at 10x")
 
 
 def read(folder: Path, tasks: Sequence[SuiteTask]) -> pd.DataFrame:
@@ -51,6 +52,11 @@ class Search:
     returns: list[float]
     first: list[float]
     verdict: Verdict
+
+    @property
+    def succeeds(self) -> bool:
+        """Whether the environment counts for this search."""
+        return self.verdict in SUCCESSES
 
     def cells(self) -> tuple[str, str, str]:
         """Of the table."""
@@ -104,7 +110,17 @@ class Line:
             *(cell for search in self.searches.values() for cell in search.cells()),
             *(_range(self.same), _range(self.tenfold)),
         )
-        return "| " + " | ".join(cells) + " |"
+        return _row(cells)
+
+    def brief(self) -> str:
+        """A line of the short table: medians alone, in bold type where one counts as a success."""
+        medians = {who: _median(search.returns) or "not run" for who, search in self.searches.items()}
+        cells = (
+            *(f"`{self.task.env}`", f"{self.task.real_steps:,}"),
+            *(f"**{medians[who]}**" if search.succeeds else medians[who] for who, search in self.searches.items()),
+            *(_median(returns) or "not run" for returns in (self.same, self.tenfold)),
+        )
+        return _row(cells)
 
 
 def _verdict(task: SuiteTask, ours: Sequence[float], tenfold: Sequence[float]) -> Verdict:
@@ -124,35 +140,57 @@ def table(results: pd.DataFrame, tasks: Sequence[SuiteTask]) -> str:
     :return: counts, table, runs that failed, and thresholds of our own
     """
     lines = [Line.read(results, task) for task in tasks]
-    rows = [f"| {' | '.join(HEADER)} |", "|---" * len(HEADER) + "|", *(line.markdown() for line in lines)]
+    rows = _markdown(HEADER, [line.markdown() for line in lines])
     ours = [f"`{task.env}` ({task.source})" for task in tasks if task.source != GYMNASIUM]
-    blocks = [_counts(lines), "\n".join(rows)]
+    blocks = [_counts(lines), rows]
     if ours:
         blocks.append("\\* Thresholds of our own: " + "; ".join(ours) + ".")
     return "\n\n".join([*blocks, *_runs(results), *_failures(results)])
 
 
-def put_into(page: Path, block: str) -> None:
+def brief_table(results: pd.DataFrame, tasks: Sequence[SuiteTask]) -> str:
     """
-    Replace what is between the two marks on a page.
+    :param results: rows of all runs
+    :param tasks: the environments
+    :return: medians over the seeds
+    """
+    return _markdown(BRIEF_HEADER, [Line.read(results, task).brief() for task in tasks])
 
-    :param page: with a line ``<!-- suite -->`` and a later one ``<!-- end of suite -->``
-    :param block: in Markdown
-    :raises ValueError: if a mark is missing
+
+def put_into(page: Path, blocks: Mapping[str, str]) -> None:
+    """
+    Replace what is between two marks on a page.
+
+    :param page: with a line ``<!-- name -->`` and a later one ``<!-- end of name -->``, for one of the names at least
+    :param blocks: Markdown, by its name
+    :raises ValueError: if a page has no pair of marks
     """
     text = page.read_text()
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"{page} has no place for the table: add the lines {BEGIN!r} and {END!r}")
-    page.write_text(f"{before}{BEGIN}\n{block}\n{END}{after}")
+    found = False
+    for name, block in blocks.items():
+        before, begin, rest = text.partition(f"<!-- {name} -->")
+        _, end, after = rest.partition(f"<!-- end of {name} -->")
+        if begin and end:
+            found, text = True, f"{before}{begin}\n{block}\n{end}{after}"
+    if not found:
+        pairs = " or ".join(f"'<!-- {name} -->' and '<!-- end of {name} -->'" for name in blocks)
+        raise ValueError(f"{page} has no place for the table: add the lines {pairs}")
+    page.write_text(text)
+
+
+def _markdown(header: Sequence[str], rows: Sequence[str]) -> str:
+    return "\n".join([_row(header), "|---" * len(header) + "|", *rows])
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
 
 
 def _counts(lines: Sequence[Line]) -> str:
     counts = []
     for who, name in SEARCHES.items():
         verdicts = [line.searches[who].verdict for line in lines]
-        solved, better, fails = (verdicts.count(each) for each in ("solved", "better than SAC at 10x", "fails"))
+        solved, better, fails = (verdicts.count(each) for each in (*SUCCESSES, "fails"))
         undecided = len(lines) - solved - better - fails
         counts.append(
             f"**{name}: {solved + better} of {len(lines)}**: {solved} solved, {better} not solved but better than SAC "
@@ -185,11 +223,14 @@ def _failures(results: pd.DataFrame) -> list[str]:
     return ["Runs that ended with an error:", "\n".join(runs)] if runs else []
 
 
+def _median(values: Sequence[float]) -> str:
+    return _number(float(np.median(values))) if values else ""
+
+
 def _range(values: Sequence[float]) -> str:
-    if not values:
-        return ""
-    median = _number(float(np.median(values)))
-    return median if len(values) == 1 else f"{median} ({_number(min(values))} to {_number(max(values))})"
+    return (
+        _median(values) if len(values) <= 1 else f"{_median(values)} ({_number(min(values))} to {_number(max(values))})"
+    )
 
 
 def _number(value: float) -> str:
