@@ -23,6 +23,7 @@ from sb3_hucrl.zoo.algorithms import OUR_ALGORITHMS, register_algorithms
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.folder import CHECKPOINT, SavedWhole, claim_folder, remove_leftovers
 from sb3_hucrl.zoo.interrupt import Termination
+from sb3_hucrl.zoo.mujoco_warnings import each_warning_once
 from sb3_hucrl.zoo.resume import Resumed, begin_monitor_files
 from sb3_hucrl.zoo.sbx import register_sbx
 from sb3_hucrl.zoo.settings import move_settings
@@ -54,7 +55,8 @@ def _require_suitable_spaces(manager: ExperimentManager) -> None:
     if not isinstance(spec.entry_point, Twin):
         return
     try:
-        spec.make(**manager.env_kwargs).close()
+        with each_warning_once():
+            spec.make(**manager.env_kwargs).close()
     except UnsupportedEnvironmentError as error:
         raise SystemExit(str(error)) from None
 
@@ -148,12 +150,12 @@ def _create_envs(original: Callable[..., Any]) -> Callable[..., Any]:
         logs = self.continue_training and _callbacks(self) and not (eval_env or no_log)
         curve = _curve_to_go_on_with(self) if logs else None
         if curve is None:
-            with _explained_workers(self):
+            with _explained_workers(self), each_warning_once():
                 return original(self, n_envs, eval_env, no_log)
         rows, env_id = curve["monitor"], str(self.env_name.gym_id)
         start = begin_monitor_files(Path(self.save_path), env_id, n_envs, rows, self.monitor_kwargs)
         self.monitor_kwargs = {**self.monitor_kwargs, "override_existing": False}
-        with _explained_workers(self):
+        with _explained_workers(self), each_warning_once():
             env = original(self, n_envs, eval_env, no_log)
         env.env_method("set_wrapper_attr", "t_start", start)
         return env
