@@ -23,12 +23,14 @@ class Off(Predictor):
         return Prediction(state + self.distance, th.zeros_like(state), th.zeros_like(state))
 
 
-def resting(task: LearnedTask | PendulumTask, std: float) -> TransitionDataset:
-    """States spread by a given standard deviation, from which nothing moves."""
+def resting(task: LearnedTask | PendulumTask, std: float, moving: slice = slice(None)) -> TransitionDataset:
+    """States spread by a given standard deviation, from which nothing moves by more than a trifle."""
     dataset = TransitionDataset(task.width, 1)
     states = std * th.randn(2_000, task.width, generator=th.Generator().manual_seed(0))
     ends = th.zeros(len(states), dtype=th.bool)
-    dataset.append_episode(Transitions(states, th.zeros(len(states), 1), states, th.zeros(len(states)), ends))
+    next_states = states.clone()
+    next_states[:, moving] += 1e-5 * std
+    dataset.append_episode(Transitions(states, th.zeros(len(states), 1), next_states, th.zeros(len(states)), ends))
     return dataset
 
 
@@ -40,6 +42,19 @@ def test_the_horizon_ends_where_errors_would_add_up_to_a_standard_deviation(
     task = LearnedTask(2)
     horizon = trusted_horizon(Off(task.state_dim, unit * distance), resting(task, unit), task, 500)
     assert horizon == pytest.approx(expected, rel=0.05)
+
+
+def test_errors_where_imagination_carries_what_never_changes_do_not_count() -> None:
+    task = LearnedTask(3)
+
+    class OffInTheGoal(Off):
+        def predict(self, state: th.Tensor, action: th.Tensor) -> Prediction:
+            off = th.tensor([0.001, 0.5, 0.5, 0.0, 0.0])
+            return Prediction(state + off, th.zeros_like(state), th.zeros_like(state))
+
+    model = OffInTheGoal(task.state_dim, 0.0)
+    assert trusted_horizon(model, resting(task, 1.0, slice(0, 1)), task, 500) == 500
+    assert trusted_horizon(model, resting(task, 1.0), task, 500) == 2
 
 
 def test_a_full_turn_is_no_error() -> None:

@@ -102,6 +102,18 @@ def test_a_reward_is_not_imagined_far_from_those_that_were_paid() -> None:
 
 
 @pytest.mark.parametrize("hallucinate_reward", [False, True])
+def test_outcomes_that_never_differed_are_imagined_so_unless_they_are_steered(hallucinate_reward: bool) -> None:
+    task = LearnedTask(1, hallucinate_reward)
+    dataset = TransitionDataset(task.width, 1)
+    states, next_states = th.zeros(2, 3), th.tensor([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    dataset.append_episode(Transitions(states, th.zeros(2, 1), next_states, th.zeros(2), th.zeros(2, dtype=th.bool)))
+    limits = limits_of(dataset, task)
+    predicted = th.tensor([[1.5, 4.0, 0.9]])
+    expected = [[1.5, 4.0 if hallucinate_reward else 0.0, 0.0]]
+    assert limits.apply(states[:1], predicted).tolist() == expected
+
+
+@pytest.mark.parametrize("hallucinate_reward", [False, True])
 def test_reward_is_steered_only_on_request(hallucinate_reward: bool) -> None:
     task = LearnedReward(2, hallucinate_reward)
     imagination = imagine(task, Recorder(3, outcomes=(1.0,), std=0.1), Optimistic(beta=2.0), [0.0] * 3)

@@ -7,6 +7,7 @@ import torch as th
 from sb3_hucrl.checks import Count, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics import Predictor
+from sb3_hucrl.imagination.limits import carried_dims
 from sb3_hucrl.tasks.base import Task
 
 
@@ -26,6 +27,10 @@ def trusted_horizon(model: Predictor, dataset: TransitionDataset, task: Task, lo
     """
     real, p = dataset.holdout, task.state_dim
     mean = model.predict(real.states[:, :p].to(model.device), real.actions.to(model.device)).mean.cpu()
+    carried = carried_dims(dataset, task)
+    if carried is not None:
+        # The model's small errors there are never seen.
+        mean = th.where(carried, real.states[:, :p], mean)
     predicted, observed = (
         task.observe(th.cat([next_state, real.states[:, p:]], dim=1)) for next_state in (mean, real.next_states[:, :p])
     )

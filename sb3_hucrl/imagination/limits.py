@@ -20,6 +20,20 @@ REACH = (0.5, 10.0)
 OUTCOME_REACH = (0.5, 1.0)
 
 
+def carried_dims(dataset: TransitionDataset, task: Task) -> th.Tensor | None:
+    """
+    :param dataset: all real transitions
+    :param task: says whether there may be such dimensions
+    :return: which of the p predicted dimensions are carried along instead, because they have never changed within an
+        episode, shape (p,), boolean; None where none are
+    """
+    if not task.carries_constants:
+        return None
+    observed = task.state_dim - task.outcome_dim
+    carried = th.nn.functional.pad(dataset.constant_dims(observed), (0, task.outcome_dim))
+    return carried if carried.any() else None
+
+
 @validated
 @dataclass(frozen=True)
 class Limits:
@@ -48,7 +62,7 @@ class Limits:
         A box around all visited states: it keeps an extrapolating ensemble, and the critic with it, from diverging.
         Where trajectories begin in states that were never visited, it never binds while the predictions are sensible;
         where they begin in visited ones alone, it is narrow, as nothing is known of what lies beyond. Angles and
-        constant dimensions are free.
+        constant dimensions are free, and outcomes that were the same in every step stay so.
 
         :param dataset: all real transitions
         :param task: says which dimensions are angles and outcomes
@@ -64,15 +78,17 @@ class Limits:
         margin = high - low
         margin[: p - outcomes] *= reach
         margin[p - outcomes :] *= outcome_reach
-        margin[margin == 0] = th.inf
+        # What has not moved yet may move; but no end is imagined where no episode has ended, unless a′ steers that.
+        steered = margin[: task.hallucinated_dim]
+        steered[steered == 0] = th.inf
         margin[list(task.angle_dims)] = th.inf
         device = model.device
-        constant = None
-        if task.carries_constants:
-            constant = th.zeros(p, dtype=th.bool)
-            constant[: p - outcomes] = dataset.constant_dims(p - outcomes)
-            constant = constant.to(device) if constant.any() else None
+        constant = carried_dims(dataset, task)
         max_epistemic_std = None if cap is None else epistemic_limit(model, real, cap)
+        if constant is not None:
+            constant = constant.to(device)
+            if max_epistemic_std is not None:
+                max_epistemic_std[constant] = th.inf
         circles = Circles.find(visited[:, : p - outcomes])
         circles = None if circles is None else circles.to(device)
         return cls((low - margin).to(device), (high + margin).to(device), constant, max_epistemic_std, circles)
