@@ -57,6 +57,7 @@ class StartStates:
         self._dataset = dataset
         self._task = task
         self._space = observation_space
+        self._measured, self._visited_spread = 0, th.empty(0)
         self._weights = th.tensor([float(weights.get(kind, 0.0)) for kind in self.KINDS])
 
     @classmethod
@@ -131,16 +132,23 @@ class StartStates:
 
     def _inflated(self, states: th.Tensor, visited: th.Tensor, generator: th.Generator | None) -> th.Tensor:
         task = self._task
-        spread = visited.std(dim=0, correction=0)
-        # A goal that no episode has is not a state further out.
-        spread[task.state_dim :] = 0.0
-        if task.carries_constants:
-            observed = task.state_dim - task.outcome_dim
-            spread[:observed] *= ~self._dataset.constant_dims(observed)
         least, most = INFLATION
         scale = least * (most / least) ** th.rand(len(states), 1, generator=generator)
-        states = states + scale * spread * th.randn(states.shape, generator=generator)
+        states = states + scale * self._spread(visited) * th.randn(states.shape, generator=generator)
         if self._space is None:
             return states
         bounds = (th.as_tensor(limit, dtype=states.dtype) for limit in (self._space.low, self._space.high))
         return task.state(task.observe(states).clamp(*bounds))
+
+    def _spread(self, visited: th.Tensor) -> th.Tensor:
+        # Trajectories may end in every step, and there may be many real ones.
+        if len(visited) != self._measured:
+            task = self._task
+            spread = visited.std(dim=0, correction=0)
+            # A goal that no episode has is not a state further out.
+            spread[task.state_dim :] = 0.0
+            if task.carries_constants:
+                observed = task.state_dim - task.outcome_dim
+                spread[:observed] *= ~self._dataset.constant_dims(observed)
+            self._measured, self._visited_spread = len(visited), spread
+        return self._visited_spread
