@@ -78,7 +78,7 @@ class FirstWeight:
 
         with th.no_grad():
             self.weight[0] = value
-        self.kept, chosen = choose_policy(self, self.kept, evaluate)
+        self.kept, chosen = choose_policy(self, self.kept, evaluate, th.Generator())
         assert chosen == evaluate()
         return float(self.weight[0])
 
@@ -86,6 +86,19 @@ class FirstWeight:
 def test_the_better_policy_stays_whichever_search_found_it() -> None:
     search = FirstWeight()
     assert [search.finds(value, optimum=3.0) for value in (1.0, 5.5, 2.5, 0.0)] == [1.0, 1.0, 2.5, 2.5]
+
+
+def test_both_policies_meet_the_same_luck() -> None:
+    search, generator = FirstWeight(), th.Generator().manual_seed(0)
+    luck: list[float] = []
+
+    def evaluate() -> float:
+        luck.append(float(th.rand((), generator=generator)))
+        return luck[-1]
+
+    kept, _ = choose_policy(search, None, evaluate, generator)
+    choose_policy(search, kept, evaluate, generator)
+    assert luck[1] == luck[2] != luck[0]
 
 
 def test_a_policy_that_the_newest_model_disappoints_is_given_up() -> None:

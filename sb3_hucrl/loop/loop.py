@@ -255,6 +255,7 @@ class Loop:
                     self.world.from_real_starts(self.problem.episode_length).trajectories(JUDGED, seed=0),
                     search.actor(deterministic=True),
                 ),
+                self.state.generator,
             )
             self._scalars["imagined/mode_return"] = promised
 
