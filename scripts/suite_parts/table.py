@@ -195,7 +195,7 @@ def _counts(lines: Sequence[Line]) -> str:
         counts.append(
             f"**{name}: {solved + better} of {len(lines)}**: {solved} solved, {better} not solved but better than SAC "
             f"with ten times the real steps. {fails} fail"
-            + (f", {undecided} are not decided yet." if undecided else ".")
+            + (f", {undecided} are not solved, and SAC has not been run there." if undecided else ".")
         )
     return "\n\n".join(counts)
 
