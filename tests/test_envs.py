@@ -221,3 +221,9 @@ def test_an_unknown_environment_lists_the_known_ones() -> None:
     assert set(ENVIRONMENTS) == set(MAX_EPISODE_STEPS)
     with pytest.raises(ValueError, match=r"unknown environment .*-v1': .*did you mean 'HUCRL-Pendulum-v0'"):
         make_env("HUCRL-Pendulum-v1")
+
+
+@pytest.mark.parametrize("env_id", ["HUCRL-Hopper-v5", "HUCRL-MountainCarContinuous-v0"])
+def test_environments_whose_state_cannot_be_set_have_no_true_dynamics(env_id: str) -> None:
+    with pytest.raises(ValueError, match=f"the state of {env_id} cannot be set from what is observed"):
+        TrueDynamics(2, 1, env=env_id)

@@ -9,11 +9,13 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 import torch as th
+from gymnasium.envs.mujoco import MujocoEnv
 
 from sb3_hucrl.checks import ArgumentError, Count, Natural, validated
 from sb3_hucrl.data import TransitionDataset
 from sb3_hucrl.dynamics.base import DynamicsModel, FitReport, Prediction
 from sb3_hucrl.dynamics.calibration import Calibration
+from sb3_hucrl.spaces import require_vector_observation
 from sb3_hucrl.tasks.registry import find_task
 
 
@@ -40,7 +42,7 @@ class TrueDynamics(DynamicsModel):
     :param angle_dims: unused
     :param env: id of an environment of this package
     :param generator: unused
-    :raises ValueError: if the environment has no ``set_state``, or another state dimension
+    :raises ValueError: if the environment has no ``set_state`` of its own, no task, or another state dimension
     """
 
     def __init__(
@@ -60,9 +62,14 @@ class TrueDynamics(DynamicsModel):
     def _make(self) -> None:
         made = gym.make(self.env_id)
         self._env = cast("SettableEnv", made.unwrapped)
-        task = find_task(made.spec, observation_dim=0)
-        if task is None or not hasattr(made.unwrapped, "set_state"):
-            raise ValueError(f"{self.env_id} is not an environment of this package, so its state cannot be set")
+        # gymnasium's set_state takes MuJoCo's positions and velocities, which are not what is observed.
+        settable = hasattr(made.unwrapped, "set_state") and not isinstance(made.unwrapped, MujocoEnv)
+        task = find_task(made.spec, require_vector_observation(made.observation_space).shape[0]) if settable else None
+        if task is None:
+            raise ValueError(
+                f"the state of {self.env_id} cannot be set from what is observed: the true dynamics are for the "
+                "environments of this package, and others with a task and a method set_state(state)"
+            )
         if task.state_dim != self.state_dim:
             raise ValueError(f"{self.env_id} has {task.state_dim} state dimensions, but the model has {self.state_dim}")
         self._task = task
