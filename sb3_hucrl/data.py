@@ -16,6 +16,8 @@ from sb3_hucrl.files import read_npz, replacing
 
 #: what a file of a dataset says of itself, and the version of its contents
 FILE_FORMAT, FILE_VERSION = "sb3_hucrl.TransitionDataset", 1
+#: rewards that differ by a smaller fraction of themselves are the same
+ROUNDING = 1e-6
 
 
 @validated
@@ -63,6 +65,15 @@ class Transitions:
     def empty(state_dim: int, action_dim: int) -> Transitions:
         states = th.zeros(0, state_dim)
         return Transitions(states, th.zeros(0, action_dim), states, th.zeros(0), th.zeros(0, dtype=th.bool))
+
+
+def reward_std(rewards: th.Tensor) -> float:
+    """
+    :param rewards: of n steps, shape (n,)
+    :return: their standard deviation; 0 where they differ by no more than rounding
+    """
+    std = float(rewards.double().std(correction=0))
+    return std if std > ROUNDING * float(rewards.abs().max()) else 0.0
 
 
 @validated

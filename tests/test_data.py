@@ -7,6 +7,7 @@ import torch as th
 
 from helpers import random_transitions
 from sb3_hucrl import TransitionDataset, Transitions
+from sb3_hucrl.data import reward_std
 
 
 def grown(*lengths: int) -> TransitionDataset:
@@ -76,3 +77,11 @@ def test_rejects_columns_of_different_lengths() -> None:
     good = random_transitions(5)
     with pytest.raises(ValueError, match="actions has 4 rows, states has 5"):
         Transitions(good.states, good.actions[:4], good.next_states, good.rewards, good.terminated)
+
+
+def test_equal_rewards_have_no_spread_whatever_rounding_makes_of_them() -> None:
+    for reward in (0.1, 1 / 3, -1e-4, 1e5):
+        assert reward_std(th.full((500,), reward)) == 0.0
+    assert reward_std(th.tensor([1.0, 3.0])) == pytest.approx(1.0)
+    assert reward_std(th.tensor([1e-7, 3e-7])) == pytest.approx(1e-7)
+    assert reward_std(th.zeros(3)) == 0.0

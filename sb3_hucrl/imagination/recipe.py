@@ -10,7 +10,7 @@ import torch as th
 from gymnasium import spaces
 
 from sb3_hucrl.checks import Count, NotNegative, Positive, validated
-from sb3_hucrl.data import TransitionDataset
+from sb3_hucrl.data import TransitionDataset, reward_std
 from sb3_hucrl.dynamics import DynamicsModel, Predictor
 from sb3_hucrl.exploration import ExplorationStrategy
 from sb3_hucrl.imagination.limits import Limits
@@ -89,7 +89,7 @@ class WorldRecipe:
         limits = Limits.from_data(learned.dataset, self.task, model, self.uncertainty_cap, starts.unvisited)
         strategy = self.strategy.adapted(model, learned.real_episodes)
         predictor = strategy.predictor(model, num_samples, learned.generator)
-        std = float(learned.dataset.transitions.rewards.std(correction=0))
+        std = reward_std(learned.dataset.transitions.rewards)
         world = self._world(learned, starts, predictor, strategy, limits, exploring)
         return replace(world, reward_std=std) if std > 0 else world
 
