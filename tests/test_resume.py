@@ -13,9 +13,10 @@ from typing import IO
 import pytest
 import torch as th
 from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
 
 from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
-from sb3_hucrl import TransitionDataset
+from sb3_hucrl import HallucinationWrapper, ImaginationVecEnv, TransitionDataset
 from sb3_hucrl.dynamics import FitReport, ProbabilisticEnsemble
 from sb3_hucrl.sb3 import save_atomically
 from sb3_hucrl.zoo.runs import ZooRun
@@ -121,6 +122,22 @@ class InterruptedFit(ProbabilisticEnsemble):
         if self.fits == 2:
             raise KeyboardInterrupt
         return super().fit(dataset, generator)
+
+
+def test_a_resumed_run_begins_its_episodes_elsewhere(tmp_path: Path) -> None:
+    starts = []
+    for _ in range(2):
+        env = ImaginationVecEnv(make_vec_env("Pendulum-v1", n_envs=2, wrapper_class=HallucinationWrapper))
+        model = small_sac(env).learn(80, callback=small_callback())
+        for _ in range(2):
+            model.save(tmp_path / "model")
+            model = SAC.load(tmp_path / "model", env=env).learn(
+                80, callback=small_callback(), reset_num_timesteps=False
+            )
+        starts.append(state_of(model).dataset.initial_states)
+    assert len(starts[0].unique(dim=0)) == len(starts[0]) == 4
+    # And the same ones each time.
+    assert th.equal(*starts)
 
 
 def test_an_interrupted_refit_is_made_up_for(tmp_path: Path) -> None:

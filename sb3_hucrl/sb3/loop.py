@@ -74,7 +74,12 @@ def make_loop(
     loop.state.search_start = model.num_timesteps if begun is None else min(begun, model.num_timesteps)
     if carried is None:
         attach_state(model, loop.state)
-    elif choose_verbosity(model, verbose) > 0:
+        return loop
+    if systems is not None:
+        # SB3's load gives them the seed of the first time, and so the start states and goals of the first episodes.
+        env.venv.seed(carried.draw_seed())
+        env.venv.reset()
+    if choose_verbosity(model, verbose) > 0:
         kept = f"{carried.real_episodes} real episodes, {carried.real_steps} real steps"
         if carried.dataset.logged_steps > 0:
             kept += f", {carried.dataset.logged_steps} logged steps"
