@@ -124,6 +124,16 @@ def test_what_they_cannot_look_into_is_said(name: str) -> None:
         make(name, use_sde=True)
 
 
+@pytest.mark.parametrize(
+    ("name", "argument"),
+    [("hsvg", "n_steps"), ("hsvg", "target_update_interval"), ("hbptt", "target_update_interval"), ("hmve", "n_steps")],
+)
+def test_arguments_of_sac_that_would_change_nothing_are_refused(name: str, argument: str) -> None:
+    make(name, **{argument: 1})
+    with pytest.raises(ValueError, match=f"makes no use of {argument}: leave it out"):
+        make(name, **{argument: 2})
+
+
 def test_ars_searches_on_around_the_policy_that_was_given_back() -> None:
     model = make("ars", delta_std=1e-6, learning_rate=0.0, zero_policy=False)
     assert isinstance(model, ARS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch as th
 from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
@@ -59,6 +59,8 @@ class HBPTT(ImaginingSAC):
     :param kwargs: further arguments of SAC
     :raises ValueError: if a number is out of its range, or with gSDE
     """
+
+    unused: ClassVar[tuple[str, ...]] = ("target_update_interval",)
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import torch as th
 from stable_baselines3.common.buffers import ReplayBuffer
@@ -57,6 +57,8 @@ class HMVE(ImaginingSAC):
     :param kwargs: of SAC
     :raises ValueError: if a number is below 1 or the weighting unknown
     """
+
+    unused: ClassVar[tuple[str, ...]] = ("n_steps",)
 
     def __init__(
         self,

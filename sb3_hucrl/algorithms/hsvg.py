@@ -19,6 +19,7 @@ from sb3_hucrl.algorithms.critic_ensemble import CriticEnsemble, EnsemblePolicy
 from sb3_hucrl.algorithms.imagined_rollouts import imagine, imagined_world
 from sb3_hucrl.algorithms.imagining_sac import ImaginingSAC
 from sb3_hucrl.checks import ArgumentError, Count, Natural, NotNegative, Positive, Real, validated
+from sb3_hucrl.data import reward_std
 from sb3_hucrl.imagination import World
 
 
@@ -70,6 +71,7 @@ class HSVG(ImaginingSAC):
     critic_target: CriticEnsemble  # type: ignore[assignment]  # as above
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {"MlpPolicy": EnsemblePolicy}
     policy: EnsemblePolicy
+    unused: ClassVar[tuple[str, ...]] = ("n_steps", "target_update_interval")
 
     def __init__(
         self,
@@ -134,7 +136,7 @@ class HSVG(ImaginingSAC):
         assert self.replay_buffer is not None  # set up
         dim, observations = world.predictor.action_dim, self.replay_buffer.sample(batch_size).observations
         rollout = imagine(world, observations, lambda seen: self.act(seen, dim)[0], self.horizon, 1.0, self._generator)
-        return float(th.cat(rollout.rewards).std(correction=0))
+        return reward_std(th.cat(rollout.rewards))
 
     def _update(self, world: World, batch_size: int, noted: dict[str, list[float]], with_actor: bool) -> None:
         assert self.replay_buffer is not None  # set up

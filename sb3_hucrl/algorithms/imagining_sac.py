@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch as th
@@ -19,10 +19,17 @@ class ImaginingSAC(SAC):
 
     :param args: of SAC
     :param kwargs: of SAC
-    :raises ValueError: with gSDE, whose noise stays for several steps, or with VecNormalize
+    :raises ValueError: with gSDE, whose noise stays for several steps, with VecNormalize, or with an argument of SAC
+        that would change nothing
     """
 
+    #: arguments of SAC, with a default of 1, of which the algorithm makes no use
+    unused: ClassVar[tuple[str, ...]] = ()
+
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        for argument in self.unused:
+            if kwargs.get(argument, 1) != 1:
+                raise ValueError(f"{type(self).__name__} makes no use of {argument}: leave it out")
         if kwargs.get("use_sde"):
             raise ValueError(f"{type(self).__name__} draws each action by itself: leave use_sde out")
         super().__init__(*args, **kwargs)
