@@ -194,6 +194,33 @@ def test_critics_in_larger_units_sooner_know_what_it_is_worth_to_stay_alive() ->
     assert values[1] > 15
 
 
+def test_hope_is_not_cut_where_only_later_steps_pay() -> None:
+    class Later(PendulumTask):
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            # The second step of each rollout has left the start state.
+            return th.where(state[:, 1].abs() > 1e-6, 1.0, -0.01)
+
+    rest = PendulumTask().observe(th.tensor([[0.3, 0.0]] * 8))
+    model, world = imagining(small_world(TruePendulum(), task=Later(0.2)), horizon=4, gamma=0.9, ent_coef=0.0)
+    for critic in (model.critic, model.critic_target):
+        th.nn.init.zeros_(critic.networks.last.weight)
+    paid = -0.01 + 0.9 + 0.81 + 0.729
+    np.testing.assert_allclose(model.expand(world, rest).target, paid, rtol=1e-4)
+    # What was seen once is not forgotten in a world where nothing pays.
+    poor = replace(world, task=PendulumTask(0.2))
+    for critic in (model.critic, model.critic_target):
+        th.nn.init.constant_(critic.networks.last.bias, 9.0)
+    assert float(model.expand(poor, rest).target.min()) > 5
+
+
+def test_without_a_future_the_target_is_the_first_reward() -> None:
+    world, targets = small_world(TruePendulum(), task=PendulumTask(0.2)), []
+    for horizon in (1, 5):
+        model, _ = imagining(world, gamma=0.0, ent_coef=0.0, horizon=horizon)
+        targets.append(model.expand(world, observations(8)).target)
+    th.testing.assert_close(*targets)
+
+
 def test_values_without_a_bound_are_refused() -> None:
     with pytest.raises(ValueError, match="gamma is 1"):
         hsvg(gamma=1)

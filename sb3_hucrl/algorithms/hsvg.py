@@ -118,7 +118,6 @@ class HSVG(ImaginingSAC):
         noted: dict[str, list[float]] = defaultdict(list)
         if world is not self._last_world:
             self._last_world = world
-            self._reward_range = (np.inf, -np.inf)
             if self.chooses_target_entropy:
                 self.target_entropy = -0.5 * world.predictor.action_dim
             self.reward_unit = max(world.reward_std, self._imagined_reward_std(world, batch_size))
@@ -206,13 +205,16 @@ class HSVG(ImaginingSAC):
         with th.no_grad():
             pessimistic = self.critic_target.values(reached, last).amin(dim=0)
             target = earned - entropies[0] + following * pessimistic
-            self._see_rewards(rollout.rewards[0])
+            self._see_rewards(rollout.rewards)
             least, most = (each / (1 - self.gamma) for each in self._reward_range)
             target = target.clamp(min(least, 0.0), max(most, 0.0))
         return Expansion(performance, target, actions[0], log_probs[0])
 
-    def _see_rewards(self, rewards: th.Tensor) -> None:
-        least, most = rewards.aminmax()
+    def _see_rewards(self, discounted: list[th.Tensor]) -> None:
+        """Of all steps, and for good: a value is not forgotten where no state of a batch pays at once."""
+        powers = [self.gamma**n for n in range(len(discounted))]
+        rewards = [each / power for each, power in zip(discounted, powers, strict=True) if power > 0]
+        least, most = th.stack(rewards).aminmax()
         self._reward_range = min(self._reward_range[0], float(least)), max(self._reward_range[1], float(most))
 
     def _excluded_save_params(self) -> list[str]:
