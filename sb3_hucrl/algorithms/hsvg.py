@@ -47,9 +47,10 @@ class HSVG(ImaginingSAC):
     actor follows the gradient of the same steps through model, reward and critics (Algorithm 4), as in DHMBPO (Kubo
     et al. 2025). Both begin in states of SAC's replay buffer, which longer imagined trajectories fill.
 
-    The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′. Its
-    objective is in standard deviations of the real rewards so far, or of the imagined ones where those are larger, and
-    so is the entropy coefficient.
+    The policy (π, η) is random in the real action a, with an entropy bonus, and a function of the state in a′, to which
+    SB3 adds noise where trajectories fill the replay buffer. Its objective is in standard deviations of the real
+    rewards so far, or of the imagined ones where those are larger, and so is the entropy coefficient. Targets stay
+    within what rewards as large as those imagined so far could amount to.
 
     :param policy: ``"MlpPolicy"``
     :param env: wrapped in an ImaginationVecEnv
