@@ -131,8 +131,7 @@ def probabilities_of_improvement(scores: Scores) -> dict[str, Estimate]:
 
 
 def _estimates(scores: Mapping[str, Any], measure: Callable[..., npt.NDArray[np.float64]]) -> dict[str, Estimate]:
-    # The library draws from numpy's global generator.
-    np.random.seed(BOOTSTRAP_SEED)  # noqa: NPY002
+    np.random.seed(BOOTSTRAP_SEED)  # noqa: NPY002  # rliable draws from numpy's global generator
     points, intervals = library.get_interval_estimates(scores, measure, reps=RESAMPLES)
     return {
         name: Estimate(float(points[name][0]), *(float(bound) for bound in intervals[name][:, 0])) for name in scores

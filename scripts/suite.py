@@ -69,9 +69,9 @@ def main() -> None:
     draw(results, tasks, args.picture)
     text = table(results, tasks)
     print(text)
+    medians = brief_table(results, tasks)
     for page in args.table:
         picture = f"![Real return against real steps]({os.path.relpath(args.picture, page.parent)})"
-        medians = brief_table(results, tasks)
         put_into(page, {"suite": f"{text}\n\n{picture}", "suite in brief": f"{picture}\n\n{medians}"})
     if errors:
         sys.exit("\n".join(errors))

@@ -12,6 +12,7 @@ from stable_baselines3.common.distributions import SquashedDiagGaussianDistribut
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from helpers import TruePendulum, imagination_env, small_callback, small_world
+from sb3_hucrl import ImaginationVecEnv
 from sb3_hucrl.algorithms import HSVG
 from sb3_hucrl.imagination import World
 from sb3_hucrl.tasks import PendulumTask
@@ -206,11 +207,27 @@ def test_hope_is_not_cut_where_only_later_steps_pay() -> None:
         th.nn.init.zeros_(critic.networks.last.weight)
     paid = -0.01 + 0.9 + 0.81 + 0.729
     np.testing.assert_allclose(model.expand(world, rest).target, paid, rtol=1e-4)
-    # What was seen once is not forgotten in a world where nothing pays.
-    poor = replace(world, task=PendulumTask(0.2))
+
+
+def test_hope_is_not_cut_after_a_refit_either() -> None:
+    class Paying(PendulumTask):
+        def __init__(self, amount: float) -> None:
+            super().__init__(0.2)
+            self.amount = amount
+
+        def reward(self, state: th.Tensor, action: th.Tensor, next_state: th.Tensor) -> th.Tensor:
+            return th.full((len(state),), self.amount)
+
+    model, world = imagining(small_world(TruePendulum(), task=Paying(1.0), horizon=100), gamma=0.9, learning_starts=0)
+    model.learn(16)
+    poor, env = replace(world, task=Paying(-0.01)), model.get_env()
+    assert isinstance(env, ImaginationVecEnv)
+    env.imagine(poor)
+    model.train(1, 16)
     for critic in (model.critic, model.critic_target):
-        th.nn.init.constant_(critic.networks.last.bias, 9.0)
-    assert float(model.expand(poor, rest).target.min()) > 5
+        th.nn.init.zeros_(critic.networks.last.weight)
+        th.nn.init.constant_(critic.networks.last.bias, 1.0)
+    assert float(model.expand(poor, observations()).target.max()) > 3
 
 
 def test_without_a_future_the_target_is_the_first_reward() -> None:
