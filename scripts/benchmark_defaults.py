@@ -30,7 +30,7 @@ TASKS = {
     "Pendulum-v1": (128_000, -250.0),
     "MountainCarContinuous-v0": (192_000, 90.0),
     "InvertedPendulum-v5": (256_000, 1_000.0),
-    "InvertedDoublePendulum-v5": (1_280_000, 9_000.0),
+    "InvertedDoublePendulum-v5": (640_000, 9_000.0),
     "Reacher-v5": (1_280_000, -6.0),
     "Parking-v0": (256_000, -40.0),
     "Pendulum1e-3-v0": (128_000, -250.0),
