@@ -37,6 +37,8 @@ from sb3_hucrl.sb3 import get_state
 from sb3_hucrl.tasks import PendulumTask
 
 ENV_ID = "HUCRL-Pendulum-v0"
+#: length of a real episode, a fifth of the pendulum's own: tests play many
+EPISODE_STEPS = 80
 
 
 class TruePendulum(DynamicsModel):
@@ -130,8 +132,9 @@ def state_of(model: BaseAlgorithm) -> HUCRLState:
 
 
 def imagination_env(n_envs: int = 4, **env_kwargs: Any) -> ImaginationVecEnv:
-    """Real pendulums, ready to be imagined."""
-    return ImaginationVecEnv(make_vec_env(ENV_ID, n_envs, seed=0, env_kwargs=env_kwargs))
+    """Real pendulums with short episodes, ready to be imagined."""
+    settings = {"max_episode_steps": EPISODE_STEPS, **env_kwargs}
+    return ImaginationVecEnv(make_vec_env(ENV_ID, n_envs, seed=0, env_kwargs=settings))
 
 
 def real_pendulum(length: int) -> gym.Env[Any, Any]:

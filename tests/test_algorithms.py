@@ -15,7 +15,7 @@ from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from helpers import imagination_env, small_callback
+from helpers import EPISODE_STEPS, imagination_env, small_callback
 from sb3_hucrl.algorithms import HBPTT, HMPO, HMVE, HSVG, MPO
 from sb3_hucrl.sb3 import Parameters, get_state
 
@@ -64,7 +64,7 @@ def test_the_loop_runs_saves_loads_and_predicts(name: str, tmp_path: Path) -> No
     assert state is not None
     # A random episode and one after each search; every refit saw all that came before it.
     assert state.real_episodes >= 3
-    assert state.fitted_steps == len(state.dataset) == state.real_episodes * 400
+    assert state.fitted_steps == len(state.dataset) == state.real_episodes * EPISODE_STEPS
     model.save(tmp_path / "model")
     loaded = type(model).load(tmp_path / "model", env=imagination_env(1 if name == "ars" else 4), device="cpu")
     observations = np.array([[0.0, -1.0, 0.5], [1.0, 0.0, -2.0]], dtype=np.float32)

@@ -20,7 +20,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
-from helpers import ENV_ID, TruePendulum, imagination_env, small_callback, small_sac, state_of
+from helpers import ENV_ID, EPISODE_STEPS, TruePendulum, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, HUCRLCallback, ImaginationVecEnv, Optimistic, ProbabilisticEnsemble
 from sb3_hucrl.dynamics import LEARNED
 from sb3_hucrl.envs.pendulum import PendulumEnv
@@ -33,10 +33,10 @@ def test_counts_real_and_imagined_steps_and_leaves_the_environment_real() -> Non
     state = state_of(model)
     # Two random episodes, then one after each of three searches of 80 steps.
     assert state.real_episodes == 5
-    assert len(state.dataset) == 5 * 400
+    assert len(state.dataset) == 5 * EPISODE_STEPS
     assert model.num_timesteps == 240
     assert env.trajectories is None
-    assert env.get_attr("total_steps") == [2_000, 0, 0, 0]
+    assert env.get_attr("total_steps") == [5 * EPISODE_STEPS, 0, 0, 0]
 
 
 def test_rounds_a_search_up_and_ends_the_last_one_with_training() -> None:
@@ -73,8 +73,9 @@ def test_what_is_imagined_comes_true_where_the_model_is_the_truth() -> None:
     state = state_of(model)
     assert len(state.imagined_episodes) == 2
     # The last episode plays the mode, from where every episode begins.
-    imagined, real = state.imagined_episodes[-1].transitions, state.dataset.transitions[th.arange(800, 1200)]
-    assert len(imagined) == len(real) == 400
+    last = th.arange(2 * EPISODE_STEPS, 3 * EPISODE_STEPS)
+    imagined, real = state.imagined_episodes[-1].transitions, state.dataset.transitions[last]
+    assert len(imagined) == len(real) == EPISODE_STEPS
     th.testing.assert_close(imagined.actions, real.actions, atol=1e-3, rtol=1e-3)
     th.testing.assert_close(imagined.states.cos(), real.states.cos(), atol=1e-3, rtol=1e-3)
     th.testing.assert_close(imagined.rewards, real.rewards, atol=1e-3, rtol=1e-3)

@@ -20,7 +20,7 @@ from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
-from helpers import imagination_env, small_callback, small_sac, state_of
+from helpers import EPISODE_STEPS, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HUCRLCallback
 from sb3_hucrl.zoo.interrupt import Termination
 
@@ -154,7 +154,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
     model = SAC.load(checkpoints[-2], env=imagination_env(), device="cpu")
     saved = state_of(model).dataset.transitions
     episodes = state_of(model).real_episodes
-    assert len(saved) == 400 * episodes > 0
+    assert len(saved) == EPISODE_STEPS * episodes > 0
     model.learn(80, callback=small_callback())
     now = state_of(model).dataset.transitions
     assert th.equal(now.states[: len(saved)], saved.states)

@@ -11,7 +11,7 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
 
-from helpers import imagination_env, small_callback, small_sac
+from helpers import EPISODE_STEPS, imagination_env, small_callback, small_sac
 from sb3_hucrl import TransitionDataset, Transitions
 from sb3_hucrl.sb3.replay import MixedReplayBuffer, keep_latest, real_buffer
 from sb3_hucrl.tasks import PendulumTask
@@ -127,7 +127,7 @@ def test_training_replays_real_transitions_and_keeps_stale_ones(tmp_path: Any) -
     assert buffer.real is not None
     # 80 steps of 4 environments make 20 rows a search: half of the first search's and all of the second's.
     assert buffer.size() == 30
-    assert buffer.real.size() == 2 * 400
+    assert buffer.real.size() == 2 * EPISODE_STEPS
     model.save_replay_buffer(tmp_path / "buffer")
     model.load_replay_buffer(tmp_path / "buffer")
     model.learn(80, callback=small_callback(real_data_fraction=0.5))

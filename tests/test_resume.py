@@ -15,7 +15,7 @@ import torch as th
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
-from helpers import ENV_ID, imagination_env, small_callback, small_sac, state_of
+from helpers import ENV_ID, EPISODE_STEPS, imagination_env, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, ImaginationVecEnv, TransitionDataset
 from sb3_hucrl.dynamics import FitReport, ProbabilisticEnsemble
 from sb3_hucrl.sb3 import save_atomically
@@ -149,10 +149,10 @@ def test_an_interrupted_refit_is_made_up_for(tmp_path: Path) -> None:
     loaded = SAC.load(checkpoint, env=imagination_env(), device="cpu")
     for each in (model, loaded):
         assert state_of(each).real_episodes == 2
-        assert state_of(each).fitted_steps == 400
+        assert state_of(each).fitted_steps == EPISODE_STEPS
     loaded.learn(80, callback=small_callback(dynamics=InterruptedFit(2, 1)))
     assert state_of(loaded).real_episodes == 3
-    assert state_of(loaded).fitted_steps == 1_200
+    assert state_of(loaded).fitted_steps == 3 * EPISODE_STEPS
 
 
 def test_a_save_that_fails_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,8 @@ from sb3_hucrl import HUCRLCallback
 from sb3_hucrl.zoo.callback_entry import CallbackEntry, find_entry
 from sb3_hucrl.zoo.settings import changed
 from sb3_hucrl.zoo.tuning import suggest
-from test_zoo import OWN_ENVIRONMENT, SHORT, TRAIN, ZOO, run
+from test_zoo import OWN_ENVIRONMENT, SHORT, TRAIN
+from zoo_command import ZOO, run
 
 EXPLODING = '''
 import itertools
