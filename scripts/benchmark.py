@@ -32,14 +32,15 @@ from sb3_hucrl.loop import search_length
 from sb3_hucrl.zoo.callback_entry import find_entry
 from sb3_hucrl.zoo.runs import ZooRun
 
-#: settings of the callback by the name that the CSV gives them; those of "optimistic" are the environment's own
+OPTIMISTIC = {"hucrl_exploration": "optimistic"}
+#: settings of the callback by the name that the CSV gives them; all else is the environment's own
 EXPLORATIONS: dict[str, dict[str, Any]] = {
-    "optimistic": {},
-    "optimistic_beta_3": {"hucrl_exploration__beta": 3.0},
-    "optimistic_predictive": {"hucrl_exploration__uncertainty": "predictive"},
-    "optimistic_recalibrated": {"hucrl_dynamics__recalibrate": True},
-    "optimistic_capped": {"hucrl_uncertainty_cap": 5.0},
-    "optimistic_dyna_mpc": {"hucrl_dyna_mpc": {}},
+    "optimistic": OPTIMISTIC,
+    "optimistic_beta_3": {**OPTIMISTIC, "hucrl_exploration__beta": 3.0},
+    "optimistic_predictive": {**OPTIMISTIC, "hucrl_exploration__uncertainty": "predictive"},
+    "optimistic_recalibrated": {**OPTIMISTIC, "hucrl_dynamics__recalibrate": True},
+    "optimistic_capped": {**OPTIMISTIC, "hucrl_uncertainty_cap": 5.0},
+    "optimistic_dyna_mpc": {**OPTIMISTIC, "hucrl_dyna_mpc": {}},
     "greedy": {"hucrl_exploration": "greedy"},
     "greedy_ts1": {"hucrl_exploration": "greedy", "hucrl_exploration__propagation": "ts1"},
     "greedy_tsinf": {"hucrl_exploration": "greedy", "hucrl_exploration__propagation": "tsinf"},
@@ -49,14 +50,17 @@ EXPLORATIONS: dict[str, dict[str, Any]] = {
         f"thompson_{number}": {"hucrl_exploration": "thompson", "hucrl_dynamics__num_members": number}
         for number in (10, 20, 50, 100)
     },
-    "optimistic_no_bootstrap": {"hucrl_dynamics__bootstrap": False},
+    "optimistic_no_bootstrap": {**OPTIMISTIC, "hucrl_dynamics__bootstrap": False},
     "greedy_no_bootstrap": {"hucrl_exploration": "greedy", "hucrl_dynamics__bootstrap": False},
     "thompson_no_bootstrap": {"hucrl_exploration": "thompson", "hucrl_dynamics__bootstrap": False},
 }
 START_STATES = {
     "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},
     "inflated": {"initial": 1, "visited": 1, "inflated": 1},
+    "visited": {"visited": 1},
 }
+#: timesteps of search that no run uses up before its real steps
+ENDLESS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -73,18 +77,27 @@ class Run:
 
 
 def hyperparameters(algo: str, env: str) -> dict[str, Any]:
-    """The package's hyperparameters of an environment."""
-    text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
-    settings: dict[str, Any] = yaml.safe_load(text)[env]
+    """The package's hyperparameters of an environment, or those of all others."""
+    entries = yaml.safe_load((files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text())
+    settings: dict[str, Any] = entries[env if env in entries else "default"]
     return settings
 
 
-def imagined_steps(run: Run) -> int:
-    """Imagined steps of the search before each real episode, in the package's hyperparameters."""
+def budget(run: Run, episodes: int, steps: int | None = None) -> list[str]:
+    """
+    :param run: with the package's hyperparameters
+    :param episodes: real ones, with the random first one
+    :param steps: imagined ones of each search, if they are not the package's
+    :return: parameters of rl_zoo3 with which the run ends after these episodes
+    """
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
-    steps = entry.build().settings.search.imagined_steps
-    return steps or search_length(gym.spec(run.env).max_episode_steps or 0)
+    settings = entry.build().settings
+    length = gym.spec(run.env).max_episode_steps or 0
+    if settings.real.whole_episodes:
+        steps = steps or settings.search.imagined_steps or search_length(length)
+        return [f"n_timesteps:{(episodes - 1) * steps}"]
+    return [f"n_timesteps:{ENDLESS}", f"hucrl_max_real_steps:{episodes * length}"]
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
@@ -94,7 +107,7 @@ def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:
         chosen["hucrl_dynamics__env"] = run.env
     chosen["hucrl_start_states"] = START_STATES[run.start_states]
     chosen.update(settings)
-    hallucinate = "hucrl_exploration" not in chosen
+    hallucinate = chosen.get("hucrl_exploration", "optimistic") == "optimistic"
     # Environments of others have no such argument.
     penalty = [f"action_penalty:{run.action_penalty}"] if run.env in ENVIRONMENTS else []
     env_kwargs = [*penalty, f"hallucinate:{hallucinate}"]
