@@ -13,7 +13,7 @@ import pytest
 import torch as th
 from gymnasium.wrappers import TimeLimit
 
-from helpers import pendulum_dataset, random_transitions, small_callback, small_sac
+from helpers import EPISODE_STEPS, pendulum_dataset, random_transitions, small_callback, small_sac
 from recording import Drift, Recorded, Recorder, assert_same
 from sb3_hucrl import TransitionDataset
 from sb3_hucrl.logged import read_arrays
@@ -134,7 +134,7 @@ def test_a_dataset_of_an_earlier_run_is_logged_data_whether_it_holds_episodes_or
     model = small_sac().learn(160, callback=small_callback())
     model.save(tmp_path / "model.zip")
     found = read_logged(tmp_path / "model.zip", PendulumTask())
-    assert [len(each) for each in found] == [400, 400, 400]
+    assert [len(each) for each in found] == [EPISODE_STEPS] * 3
     small_sac().save(tmp_path / "plain.zip")
     with pytest.raises(ValueError, match="was not trained with HUCRLCallback"):
         read_logged(tmp_path / "plain.zip", PendulumTask())
