@@ -168,14 +168,20 @@ def trainings() -> dict[str, Callable[[], Any]]:
 
     def training(kind: Any, env: dict[str, Any] | None = None, given: Any = None, **settings: Any) -> Callable[[], Any]:
         def train() -> Any:
-            steps = 2 if kind is HMPC else 120
-            small = {"batch_size": 16, "buffer_size": 1_000, "policy_kwargs": {"net_arch": [16]}, "seed": 0}
+            steps = 2 if kind is HMPC else 80
+            small = {
+                "batch_size": 16,
+                "buffer_size": 1_000,
+                "learning_starts": 40,
+                "policy_kwargs": {"net_arch": [16]},
+                "seed": 0,
+            }
             kwargs = {**({} if kind is HMPC or kind is PPO else small), **(given or {})}
             policy = "NoPolicy" if kind is HMPC else "MlpPolicy"
-            model = kind(policy, imagination_env(max_episode_steps=12, **(env or {})), device=NAME, **kwargs)
+            model = kind(policy, imagination_env(max_episode_steps=8, **(env or {})), device=NAME, **kwargs)
             ensemble = "ensemble" in settings.get("dynamics", "ensemble")
             learned = {"dynamics_kwargs": {"gradient_steps": 3, "net_arch": [8]}} if ensemble else {}
-            short = {"imagined_steps": 40, "horizon": 5, "initial_steps": 10, "real_steps": 5, **learned}
+            short = {"imagined_steps": 40, "horizon": 5, "initial_steps": 8, "real_steps": 5, **learned}
             return model.learn(steps, callback=HUCRLCallback(**{**short, **settings}))
 
         return train
