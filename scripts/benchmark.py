@@ -57,10 +57,7 @@ EXPLORATIONS: dict[str, dict[str, Any]] = {
 START_STATES = {
     "exploratory": {"initial": 1, "visited": 1, "inflated": 1, "exploratory": 1},
     "inflated": {"initial": 1, "visited": 1, "inflated": 1},
-    "visited": {"visited": 1},
 }
-#: timesteps of search that no run uses up before its real steps
-ENDLESS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -77,27 +74,18 @@ class Run:
 
 
 def hyperparameters(algo: str, env: str) -> dict[str, Any]:
-    """The package's hyperparameters of an environment, or those of all others."""
-    entries = yaml.safe_load((files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text())
-    settings: dict[str, Any] = entries[env if env in entries else "default"]
+    """The package's hyperparameters of an environment."""
+    text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
+    settings: dict[str, Any] = yaml.safe_load(text)[env]
     return settings
 
 
-def budget(run: Run, episodes: int, steps: int | None = None) -> list[str]:
-    """
-    :param run: with the package's hyperparameters
-    :param episodes: real ones, with the random first one
-    :param steps: imagined ones of each search, if they are not the package's
-    :return: parameters of rl_zoo3 with which the run ends after these episodes
-    """
+def imagined_steps(run: Run) -> int:
+    """Imagined steps of the search before each real episode, in the package's hyperparameters."""
     entry = find_entry(hyperparameters(run.algo, run.env)["callback"])
     assert entry is not None  # in all our files
-    settings = entry.build().settings
-    length = gym.spec(run.env).max_episode_steps or 0
-    if settings.real.whole_episodes:
-        steps = steps or settings.search.imagined_steps or search_length(length)
-        return [f"n_timesteps:{(episodes - 1) * steps}"]
-    return [f"n_timesteps:{ENDLESS}", f"hucrl_max_real_steps:{episodes * length}"]
+    steps = entry.build().settings.search.imagined_steps
+    return steps or search_length(gym.spec(run.env).max_episode_steps or 0)
 
 
 def command(run: Run, folder: str, settings: Mapping[str, Any]) -> list[str]:

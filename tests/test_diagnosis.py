@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -51,6 +49,7 @@ from sb3_hucrl.imagination.units import Units
 from sb3_hucrl.loop import ImaginedEpisode, PromisedReturn
 from sb3_hucrl.tasks import PendulumTask
 from sb3_hucrl.zoo.runs import ZooRun
+from zoo_command import run
 
 UNITS = Units(PendulumTask())
 SETUP = Setup("optimistic", 1.0, "ensemble", 50, 1000, None, 4, True, Replay(8, 0.02, 4), None)
@@ -334,13 +333,7 @@ Pendulum-v1:
 
 def command(*words: str, cwd: Path) -> str:
     """Output of a command that succeeds, without a screen."""
-    env = {**os.environ, "SDL_VIDEODRIVER": "dummy", "COLUMNS": "120"}
-    process = subprocess.run(
-        [sys.executable, "-m", *words], cwd=cwd, env=env, capture_output=True, text=True, check=False
-    )
-    output = process.stdout + process.stderr
-    assert process.returncode == 0, output
-    return output
+    return run(sys.executable, "-m", *words, cwd=cwd, COLUMNS="120")
 
 
 @pytest.mark.slow
@@ -381,12 +374,12 @@ def test_a_run_of_a_script_is_diagnosed_and_left_as_it_is() -> None:
     model.learn(160, callback=callback)
     learned = state_of(model)
     generator, steps = learned.generator.get_state(), len(learned.dataset)
-    run = ScriptRun(model, callback)
-    found = diagnose(run)
+    script = ScriptRun(model, callback)
+    found = diagnose(script)
     assert found.imagination is not None
     assert found.exploration.returns == pytest.approx([float(each.rewards.sum()) for each in learned.dataset.episodes])
     assert [each.real for each in found.imagination.promises] == pytest.approx(found.exploration.returns[1:])
-    assert list(run.progress["real/return"]) == pytest.approx(found.exploration.returns)
+    assert list(script.progress["real/return"]) == pytest.approx(found.exploration.returns)
     assert (len(learned.dataset), learned.real_episodes) == (steps, 3)
     th.testing.assert_close(learned.generator.get_state(), generator)
     model.env = None

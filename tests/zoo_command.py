@@ -11,7 +11,6 @@ import tempfile
 from pathlib import Path
 
 ZOO = str(Path(sys.executable).parent / "rl_zoo3")
-WITHOUT_SCREEN = {"MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"}
 
 
 def run(*command: str, cwd: Path, **env: str) -> str:
@@ -22,8 +21,7 @@ def run(*command: str, cwd: Path, **env: str) -> str:
     :return: what it printed
     :raises AssertionError: if it fails, with what it printed
     """
-    settings = {**os.environ, **WITHOUT_SCREEN, **env}
-    process = subprocess.run(command, cwd=cwd, env=settings, capture_output=True, text=True, check=False)
+    process = subprocess.run(command, cwd=cwd, env={**os.environ, **env}, capture_output=True, text=True, check=False)
     output = process.stdout + process.stderr
     assert process.returncode == 0, output
     return output
@@ -34,12 +32,11 @@ def run_forked(*command: str, cwd: Path) -> str:
     Run a Python script as :func:`run` does, in a fork of a process that has already imported rl_zoo3 and PyTorch, which
     takes longer than most of our short trainings. What processes that it starts print is not returned.
 
-    :param command: path of the script, or ``-m`` and a module, and arguments
+    :param command: path of the script, and arguments
     :param cwd: where it runs
     :return: what it printed
     :raises AssertionError: if it fails, with what it printed
     """
-    os.environ.update(WITHOUT_SCREEN)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["rl_zoo3.train", "rl_zoo3.enjoy", "torch._dynamo"])
     with tempfile.NamedTemporaryFile("r") as printed:
@@ -56,9 +53,5 @@ def _become(command: tuple[str, ...], cwd: Path, printed: str) -> None:
     for stream in (1, 2):
         os.dup2(descriptor, stream)
     os.chdir(cwd)
-    if command[0] == "-m":
-        sys.argv = list(command[1:])
-        runpy.run_module(command[1], run_name="__main__", alter_sys=True)
-    else:
-        sys.argv = list(command)
-        runpy.run_path(command[0], run_name="__main__")
+    sys.argv = list(command)
+    runpy.run_path(command[0], run_name="__main__")

@@ -50,7 +50,6 @@ class Curves:
     :param start_states: name of benchmark.py's start states
     :param solved: return that counts as solved; None where no return is drawn
     :param scale: of that axis
-    :param algo: that searches the policy
     """
 
     title: str
@@ -64,7 +63,6 @@ class Curves:
     start_states: str = "exploratory"
     solved: float | None = 150.0
     scale: str = "linear"
-    algo: str = ALGO
 
     def jobs(self, seeds: list[int], quick: bool) -> list[Experiment]:
         """
@@ -72,9 +70,7 @@ class Curves:
         :param quick: whether to make very short runs, and with the highest penalty only
         """
         return [
-            Experiment(
-                Run(self.algo, self.env, exploration, model, penalty, self.start_states, seed), self.episodes, quick
-            )
+            Experiment(Run(ALGO, self.env, exploration, model, penalty, self.start_states, seed), self.episodes, quick)
             for seed in seeds
             for penalty in (self.penalties[-1:] if quick else self.penalties)
             for model in self.dynamics

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from benchmark import Run, budget, command
+from benchmark import Run, command, imagined_steps
 from results_table import commit, real_episodes
 from sb3_hucrl.files import replacing
 from sb3_hucrl.pictures import trajectories
@@ -89,8 +89,8 @@ class Experiment:
         settings = QUICK_SETTINGS if self.quick else {}
         words = command(self.run, folder, settings)
         episodes = min(self.episodes, QUICK_EPISODES) if self.quick else self.episodes
-        steps = QUICK_SETTINGS["hucrl_imagined_steps"] if self.quick else None
-        return [*words, *budget(self.run, episodes, steps)]
+        steps = QUICK_SETTINGS["hucrl_imagined_steps"] if self.quick else imagined_steps(self.run)
+        return [*words, f"n_timesteps:{(episodes - 1) * steps}"]
 
     def execute(self, folder: Path) -> None:
         """
