@@ -225,6 +225,27 @@ def test_rewards_that_are_nearly_zero_are_no_disagreement() -> None:
     played(TimeLimit(Faint(), 20), FaintTask(), episodes=2)
 
 
+def test_an_episode_that_hardly_costs_anything_is_no_disagreement() -> None:
+    """The pendulum pays 0.1 * (exp(-cost) - 1): of a cost of 1e-5 single precision leaves three digits."""
+    env = gym.make("HUCRL-Pendulum-v0", max_episode_steps=100)
+    problem = Problem.from_env(env, ModelSettings())
+    systems = RealSystems([env])
+
+    def play(reality: Reality, low: float, high: float) -> th.Tensor:
+        draw = np.random.default_rng(0)
+        [episode] = Round(systems, problem, reality=reality).play(
+            lambda *_: draw.uniform(low, high, (1, 3)).astype(np.float32)
+        )
+        return episode.rewards
+
+    reality = Reality(problem)
+    random = play(reality, -1.0, 1.0)
+    quiet = play(reality, 0.1, 0.1005)
+    assert float(quiet.abs().max()) < 1e-4
+    # A resumed training begins with such an episode.
+    play(Reality(problem, random), 0.1, 0.1005)
+
+
 def test_what_has_agreed_for_long_is_not_compared_any_more() -> None:
     task = TrackTask()
     env = TimeLimit(Track(), 50)

@@ -26,7 +26,8 @@ def checked_transitions(problem: Problem, episodes: Sequence[LoggedEpisode]) -> 
     """
     if not episodes:
         raise ValueError("the logged data hold no episode: give at least one, or none at all")
-    reality = Reality(problem, logged=True)
+    rewards = np.concatenate([episode.rewards for episode in episodes])
+    reality = Reality(problem, th.as_tensor(rewards), logged=True)
     found = []
     for number, episode in enumerate(episodes, 1):
         _require_shapes(problem, episode, number)

@@ -102,10 +102,10 @@ class Loop:
         self.settings, self.problem = settings, problem
         systems = real if real is None or isinstance(real, RealSystems) else RealSystems([real])
         require_systems(systems, settings.real)
-        self._reality = Reality(problem)
+        self.state = fresh_state(problem, settings.model, seed) if state is None else state
+        self._reality = Reality(problem, self.state.dataset.transitions.rewards)
         self._player = None if systems is None else Player(systems, problem, settings.real.real_envs, self._reality)
         self._on_episode, self._on_refit = on_episode, on_refit
-        self.state = fresh_state(problem, settings.model, seed) if state is None else state
         self._plan = Plan(settings, self.state, problem.episode_length)
         require_same_dimensions(self.state, problem)
         replaced = follow_settings(self.state, settings.model, problem.task)

@@ -11,7 +11,7 @@ from sb3_hucrl.loop.problem import Problem
 
 #: what has agreed for so long is not compared any more: so many episodes, and so many steps
 EPISODES, STEPS = 5, 1_000
-#: difference of two rewards that counts as rounding, as a fraction of the largest reward of the episode
+#: difference of two rewards that counts as rounding, as a fraction of the largest real reward so far
 REWARD_ROUNDING = 1e-4
 #: the same for two observed values, as a fraction of the largest value of their column
 OBSERVATION_ROUNDING = 1e-3
@@ -41,13 +41,15 @@ class Reality:
     differ, imagination would optimise something else than what real episodes pay.
 
     :param problem: with the task
+    :param rewards: of other real steps, shape (n,): they tell what is small; None for none
     :param logged: whether the episodes were logged before the training: then all of them are compared, because others
         may have other causes, and the comparison takes no real steps
     """
 
-    def __init__(self, problem: Problem, logged: bool = False) -> None:
+    def __init__(self, problem: Problem, rewards: th.Tensor | None = None, logged: bool = False) -> None:
         self._problem, self._logged = problem, logged
         self._episodes = self._steps = 0
+        self._largest_reward = 0.0 if rewards is None else _largest(rewards)
 
     def check(self, observations: th.Tensor, transitions: Transitions) -> None:
         """
@@ -119,8 +121,10 @@ class Reality:
     def _compare_rewards(self, episode: RealEpisode) -> None:
         real = episode.transitions
         told = self._problem.task.reward(real.states, real.actions, real.next_states)
-        # Rewards that are nearly zero have hardly any digits.
-        rounding = max(REWARD_ROUNDING * float(real.rewards.abs().max()), th.finfo(th.float32).tiny)
+        # Rewards that are nearly zero have hardly any digits, and a sum such as 1 - exp(-cost) loses some in an episode
+        # that costs hardly anything.
+        self._largest_reward = max(self._largest_reward, _largest(real.rewards))
+        rounding = max(REWARD_ROUNDING * self._largest_reward, th.finfo(th.float32).tiny)
         for row in (~((told - real.rewards).abs() <= rounding)).nonzero()[:, 0].tolist():
             near, paid = _neighbours(real, row), float(real.rewards[row])
             around = self._problem.task.reward(near.states, near.actions, near.next_states)
@@ -168,6 +172,10 @@ def _neighbours(real: Transitions, row: int) -> Transitions:
     states, next_states = near.chunk(2, dim=1)
     rows = th.full((len(near),), row)
     return Transitions(states, real.actions[rows], next_states, real.rewards[rows], real.terminated[rows])
+
+
+def _largest(rewards: th.Tensor) -> float:
+    return float(rewards.abs().max()) if len(rewards) else 0.0
 
 
 def _shown(value: th.Tensor) -> str:
