@@ -23,10 +23,12 @@ class Off(Predictor):
         return Prediction(state + self.distance, th.zeros_like(state), th.zeros_like(state))
 
 
-def resting(task: LearnedTask | PendulumTask, std: float, moving: slice = slice(None)) -> TransitionDataset:
+def resting(
+    task: LearnedTask | PendulumTask, std: float, moving: slice = slice(None), steps: int = 2_000
+) -> TransitionDataset:
     """States spread by a given standard deviation, from which nothing moves by more than a trifle."""
     dataset = TransitionDataset(task.width, 1)
-    states = std * th.randn(2_000, task.width, generator=th.Generator().manual_seed(0))
+    states = std * th.randn(steps, task.width, generator=th.Generator().manual_seed(0))
     ends = th.zeros(len(states), dtype=th.bool)
     next_states = states.clone()
     next_states[:, moving] += 1e-5 * std
@@ -83,14 +85,24 @@ def shares(starts: StartStates, dataset: TransitionDataset) -> float:
 
 def test_short_trajectories_begin_in_visited_states() -> None:
     task = LearnedTask(2)
-    dataset = resting(task, 1.0)
+    dataset = resting(task, 1.0, steps=1_000)
     starts = StartStates(dataset, task)
     assert shares(starts.trusting(1.0), dataset) == pytest.approx(1 / 3, abs=0.05)
     assert shares(starts.trusting(0.01), dataset) > 0.95
 
 
+def test_the_more_has_been_visited_the_fewer_begin_beyond_it() -> None:
+    task = LearnedTask(2)
+    for steps, expected in ((500, 1 / 3), (1_000, 1 / 3), (4_000, 1 / 2.25)):
+        dataset = resting(task, 1.0, steps=steps)
+        assert shares(StartStates(dataset, task).trusting(1.0), dataset) == pytest.approx(expected, abs=0.04)
+
+
 def test_given_start_states_stay() -> None:
     task = LearnedTask(2)
-    starts = StartStates(resting(task, 1.0), task, {"initial": 1.0})
+    dataset = resting(task, 1.0, steps=20_000)
+    starts = StartStates(dataset, task, {"initial": 1.0})
     _, initial = starts.trusting(0.01).sample(100, None)
     assert bool(initial.all())
+    both = StartStates(dataset, task, {"visited": 1.0, "inflated": 1.0}).trusting(1.0)
+    assert shares(both, dataset) == pytest.approx(1 / 2, abs=0.05)

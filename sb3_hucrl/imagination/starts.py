@@ -13,6 +13,8 @@ from sb3_hucrl.tasks.base import Task
 
 #: how far inflated states reach beyond the visited ones, at least and at most, in standard deviations of these
 INFLATION = (2.0, 20.0)
+#: number of visited states up to which inflated ones weigh as much; with more they weigh less
+FEW_VISITED = 1_000
 
 
 @validated
@@ -24,7 +26,8 @@ class StartStates:
     - ``visited``: any real state so far,
     - ``inflated``: a visited state + k · (the visited states' standard deviation) · standard normal noise, with k
       between 2 and 20, uniform in its logarithm: a first random episode may have seen a small part of what there is.
-      It needs no knowledge of the task, and stays within the bounds of the observations, if they have any,
+      It needs no knowledge of the task, stays within the bounds of the observations, if they have any, and may be out
+      of reach, such as a fingertip that is not where the joints put it,
     - ``exploratory``: the task's own distribution, where it has one.
 
     :param dataset: the real transitions; those appended later count too
@@ -78,12 +81,15 @@ class StartStates:
         """
         The same where weights were given. By default, the less of an episode can be imagined, the more trajectories
         begin in visited states: elsewhere such a model knows little, and from the first states it would not get far.
+        And the more has been visited, the fewer begin in inflated states: many of these are out of reach, and what is
+        learned for them is at the expense of the others.
 
         :param share: of an episode that can be imagined, in (0, 1]
         """
         if self._given:
             return self
         weights = {kind: float(weight) for kind, weight in zip(self.KINDS, share * self._weights, strict=True)}
+        weights["inflated"] *= min(1.0, FEW_VISITED / max(1, len(self._dataset)))
         return StartStates(self._dataset, self._task, {**weights, "visited": 1.0}, self._space)
 
     @property
