@@ -27,7 +27,8 @@ from stable_baselines3.common.env_util import make_vec_env
 
 from helpers import ENV_ID, small_callback, small_sac, state_of
 from sb3_hucrl import HallucinationWrapper, ImaginationVecEnv, Task
-from sb3_hucrl.loop import ModelSettings, Problem, RealSystems, Round
+from sb3_hucrl.logged import LoggedEpisode
+from sb3_hucrl.loop import Loop, ModelSettings, Problem, RealSystems, Round, Settings
 from sb3_hucrl.loop.reality import EPISODES, STEPS, Reality
 from sb3_hucrl.tasks import GymnasiumPendulumTask, LearnedTask, MountainCarTask
 
@@ -238,12 +239,24 @@ def test_an_episode_that_hardly_costs_anything_is_no_disagreement() -> None:
         )
         return episode.rewards
 
-    reality = Reality(problem)
-    random = play(reality, -1.0, 1.0)
-    quiet = play(reality, 0.1, 0.1005)
+    paid = play(Reality(problem), -1.0, 1.0)
+    quiet = play(Reality(problem, lambda: paid), 0.1, 0.1005)
     assert float(quiet.abs().max()) < 1e-4
-    # A resumed training begins with such an episode.
-    play(Reality(problem, random), 0.1, 0.1005)
+
+
+def test_what_was_logged_tells_how_small_a_first_real_episode_pays() -> None:
+    env = gym.make("HUCRL-Pendulum-v0", max_episode_steps=100)
+    problem = Problem.from_env(env, ModelSettings())
+    draw = np.random.default_rng(0)
+    observations, rewards, actions = [env.reset(seed=0)[0]], [], draw.uniform(-1, 1, (100, 1)).astype(np.float32)
+    for action in actions:
+        observation, reward, *_ = env.step(np.concatenate([action, np.zeros(2, np.float32)]))
+        observations.append(observation)
+        rewards.append(reward)
+    loop = Loop(Settings(), problem, RealSystems([env]))
+    loop.add_logged([LoggedEpisode(np.array(observations), actions, np.array(rewards, np.float32), False)])
+    loop.play(lambda *_: draw.uniform(0.1, 0.1005, (1, 3)).astype(np.float32))
+    assert loop.state.real_steps == 100
 
 
 def test_what_has_agreed_for_long_is_not_compared_any_more() -> None:

@@ -26,8 +26,8 @@ def checked_transitions(problem: Problem, episodes: Sequence[LoggedEpisode]) -> 
     """
     if not episodes:
         raise ValueError("the logged data hold no episode: give at least one, or none at all")
-    rewards = np.concatenate([episode.rewards for episode in episodes])
-    reality = Reality(problem, th.as_tensor(rewards), logged=True)
+    rewards = th.as_tensor(np.concatenate([episode.rewards for episode in episodes]))
+    reality = Reality(problem, lambda: rewards, logged=True)
     found = []
     for number, episode in enumerate(episodes, 1):
         _require_shapes(problem, episode, number)

@@ -103,7 +103,7 @@ class Loop:
         systems = real if real is None or isinstance(real, RealSystems) else RealSystems([real])
         require_systems(systems, settings.real)
         self.state = fresh_state(problem, settings.model, seed) if state is None else state
-        self._reality = Reality(problem, self.state.dataset.transitions.rewards)
+        self._reality = Reality(problem, lambda: self.state.dataset.transitions.rewards)
         self._player = None if systems is None else Player(systems, problem, settings.real.real_envs, self._reality)
         self._on_episode, self._on_refit = on_episode, on_refit
         self._plan = Plan(settings, self.state, problem.episode_length)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch as th
@@ -41,15 +42,14 @@ class Reality:
     differ, imagination would optimise something else than what real episodes pay.
 
     :param problem: with the task
-    :param rewards: of other real steps, shape (n,): they tell what is small; None for none
+    :param rewards: gives those of other real steps so far, shape (n,), which tell what is small; None for none
     :param logged: whether the episodes were logged before the training: then all of them are compared, because others
         may have other causes, and the comparison takes no real steps
     """
 
-    def __init__(self, problem: Problem, rewards: th.Tensor | None = None, logged: bool = False) -> None:
-        self._problem, self._logged = problem, logged
+    def __init__(self, problem: Problem, rewards: Callable[[], th.Tensor] | None = None, logged: bool = False) -> None:
+        self._problem, self._rewards, self._logged = problem, rewards, logged
         self._episodes = self._steps = 0
-        self._largest_reward = 0.0 if rewards is None else _largest(rewards)
 
     def check(self, observations: th.Tensor, transitions: Transitions) -> None:
         """
@@ -123,8 +123,8 @@ class Reality:
         told = self._problem.task.reward(real.states, real.actions, real.next_states)
         # Rewards that are nearly zero have hardly any digits, and a sum such as 1 - exp(-cost) loses some in an episode
         # that costs hardly anything.
-        self._largest_reward = max(self._largest_reward, _largest(real.rewards))
-        rounding = max(REWARD_ROUNDING * self._largest_reward, th.finfo(th.float32).tiny)
+        paid_so_far = real.rewards if self._rewards is None else th.cat([self._rewards(), real.rewards])
+        rounding = max(REWARD_ROUNDING * float(paid_so_far.abs().max()), th.finfo(th.float32).tiny)
         for row in (~((told - real.rewards).abs() <= rounding)).nonzero()[:, 0].tolist():
             near, paid = _neighbours(real, row), float(real.rewards[row])
             around = self._problem.task.reward(near.states, near.actions, near.next_states)
@@ -172,10 +172,6 @@ def _neighbours(real: Transitions, row: int) -> Transitions:
     states, next_states = near.chunk(2, dim=1)
     rows = th.full((len(near),), row)
     return Transitions(states, real.actions[rows], next_states, real.rewards[rows], real.terminated[rows])
-
-
-def _largest(rewards: th.Tensor) -> float:
-    return float(rewards.abs().max()) if len(rewards) else 0.0
 
 
 def _shown(value: th.Tensor) -> str:
