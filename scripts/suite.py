@@ -20,7 +20,7 @@ from figures.launcher import LAUNCHERS
 from suite_parts.picture import draw
 from suite_parts.plans import FASTEST, PLANS
 from suite_parts.run import SuiteRun
-from suite_parts.table import brief_table, put_into, read, table
+from suite_parts.table import brief_table, diagnoses, put_into, read, table
 from suite_parts.tasks import QUICK_STEPS, TASKS
 
 PAGES = [Path("docs/suite.md"), Path("README.md")]
@@ -72,7 +72,8 @@ def main() -> None:
     medians = brief_table(results, tasks)
     for page in args.table:
         picture = f"![Real return against real steps]({os.path.relpath(args.picture, page.parent)})"
-        put_into(page, {"suite": f"{text}\n\n{picture}", "suite in brief": f"{picture}\n\n{medians}"})
+        blocks = {"suite": f"{text}\n\n{picture}", "suite in brief": f"{picture}\n\n{medians}"}
+        put_into(page, blocks | {"diagnoses": diagnoses(results, tasks)})
     if errors:
         sys.exit("\n".join(errors))
 

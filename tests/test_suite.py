@@ -18,10 +18,11 @@ import yaml
 import suite_parts.run
 from figures.launcher import launch
 from suite import main
+from suite_parts.diagnosis import first_paragraph
 from suite_parts.measure import final_return, first_solved, played, trailing_means
 from suite_parts.plans import PLANS, default_entry, zoo_entry
 from suite_parts.run import SuiteRun
-from suite_parts.table import Line, brief_table, put_into, read, table
+from suite_parts.table import Line, brief_table, diagnoses, put_into, read, table
 from suite_parts.tasks import GYMNASIUM, TASKS, SuiteTask
 
 TASK = SuiteTask("Pendulum-v1", 1_000, -250, "ours")
@@ -177,6 +178,22 @@ def test_the_short_table_has_medians_and_marks_successes(tmp_path: Path) -> None
     ]
 
 
+def test_failing_searches_are_listed_with_what_was_said_of_their_runs(tmp_path: Path) -> None:
+    other = SuiteTask("Hopper-v5", 1_000, 3_800)
+    write(tmp_path, "hucrl", episodes([-400.0] * 10, diagnosis="The model is wrong."), 51)
+    write(tmp_path, "hucrl", episodes([-300.0] * 10), 52)
+    write(tmp_path, "hucrl", episodes([-100.0] * 10, diagnosis="Nothing is wrong."), 53)
+    write(tmp_path, "hsvg", episodes([-100.0] * 10, diagnosis="Nothing is wrong."), 51)
+    text = diagnoses(read(tmp_path, [TASK, other]), [TASK, other])
+    assert text == "- H-UCRL on `Pendulum-v1`:\n  - seed 51, -400: The model is wrong."
+
+
+def test_the_answer_of_a_diagnosis_is_its_first_paragraph_in_one_line() -> None:
+    assert first_paragraph("\nThe model\nis wrong.\nChange first: -params a:1\n\nModel\n") == (
+        "The model is wrong. Change first: -params a:1"
+    )
+
+
 def test_each_page_gets_the_table_that_it_has_marks_for(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- suite -->\nold\n<!-- end of suite -->\nafter\n")
@@ -228,7 +245,10 @@ def test_a_run_may_end_within_an_episode(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(suite_parts.run, "run_process", end_within)
     run = SuiteRun(TASK, "hsvg", "hsvg", 51)
     assert launch([run], tmp_path, 1) == []
-    assert pd.read_csv(run.path(tmp_path)).real_steps.to_list() == [950]
+    rows = pd.read_csv(run.path(tmp_path))
+    assert rows.real_steps.to_list() == [950]
+    [said] = rows.diagnosis
+    assert said.startswith("Not diagnosed: ")
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ import pandas as pd
 
 from figures.experiment import run_process, write_whole
 from results_table import commit, real_episodes
+from suite_parts.diagnosis import diagnosis_of
 from suite_parts.plans import PLANS, Plan
 from suite_parts.tasks import SuiteTask
 
@@ -98,7 +99,14 @@ class SuiteRun:
             entry=plan.entry_name,
             commit=self.commit,
             error=error,
+            diagnosis=self._diagnosis(plan, monitors, error),
         )
+
+    @staticmethod
+    def _diagnosis(plan: Plan, monitors: list[Path], error: str) -> str:
+        """Of a training in imagination that came to its end; of any other one, nothing."""
+        imagined = plan.real_steps is not None
+        return diagnosis_of(monitors[0].parent) if imagined and monitors and not error else ""
 
     def _mode_returns(self, rows: pd.DataFrame, logs: Path) -> pd.Series[float]:
         """Evaluations of the policy's mode, each beside the episode that was being played then."""

@@ -25,6 +25,7 @@ HEADER = (
 )
 Verdict = Literal["solved", "better than SAC at 10x", "fails", "not solved", "not run"]
 SUCCESSES: tuple[Verdict, ...] = ("solved", "better than SAC at 10x")
+FAILURES: tuple[Verdict, ...] = ("fails", "not solved")
 
 
 def read(folder: Path, tasks: Sequence[SuiteTask]) -> pd.DataFrame:
@@ -155,6 +156,31 @@ def brief_table(results: pd.DataFrame, tasks: Sequence[SuiteTask]) -> str:
     :return: medians over the seeds
     """
     return _markdown(BRIEF_HEADER, [Line.read(results, task).brief() for task in tasks])
+
+
+def diagnoses(results: pd.DataFrame, tasks: Sequence[SuiteTask]) -> str:
+    """
+    :param results: rows of all runs
+    :param tasks: the environments
+    :return: of each search that fails on an environment, what was said of each run that did not solve it
+    """
+    blocks = []
+    for task in tasks:
+        searches = Line.read(results, task).searches
+        for who in (who for who, search in searches.items() if search.verdict in FAILURES):
+            runs = results[(results.env == task.env) & (results.who == who)]
+            said = [
+                f"  - seed {seed}, {_number(final)}: {run.diagnosis.iloc[0]}"
+                for seed, run in runs.groupby("seed")
+                if (final := final_return(run, task, task.real_steps)) < task.solved and _is_diagnosed(run)
+            ]
+            blocks.extend([f"- {SEARCHES[who]} on `{task.env}`:", *said] if said else [])
+    return "\n".join(blocks)
+
+
+def _is_diagnosed(run: pd.DataFrame) -> bool:
+    # CSVs of earlier versions have no such column.
+    return "diagnosis" in run and bool(run.diagnosis.notna().all())
 
 
 def put_into(page: Path, blocks: Mapping[str, str]) -> None:
