@@ -74,10 +74,10 @@ class Run:
 
 
 def hyperparameters(algo: str, env: str) -> dict[str, Any]:
-    """The package's hyperparameters of an environment."""
+    """The package's hyperparameters of an environment, those for all where it has none of its own."""
     text = (files("sb3_hucrl.zoo_hyperparams") / f"{algo}.yml").read_text()
-    settings: dict[str, Any] = yaml.safe_load(text)[env]
-    return settings
+    entries: dict[str, dict[str, Any]] = yaml.safe_load(text)
+    return entries.get(env, entries["default"])
 
 
 def imagined_steps(run: Run) -> int:
