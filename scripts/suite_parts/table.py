@@ -221,7 +221,7 @@ def _counts(lines: Sequence[Line]) -> str:
         counts.append(
             f"**{name}: {solved + better} of {len(lines)}**: {solved} solved, {better} not solved but better than SAC "
             f"with ten times the real steps. {fails} fail"
-            + (f", {undecided} are not solved, and SAC has not been run there." if undecided else ".")
+            + (f", and of {undecided} not solved it is not known, as SAC has not been run there." if undecided else ".")
         )
     return "\n\n".join(counts)
 
