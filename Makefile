@@ -10,7 +10,7 @@ train: $(VENV)/.installed
 	$(BIN)/rl_zoo3 train --algo sac --env HUCRL-Pendulum-v0 -P
 
 test: check
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 	# The tests have executed the tutorials.
 	$(SPHINX) -D nb_execution_mode=off docs docs/_build
 

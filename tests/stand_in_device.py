@@ -189,7 +189,7 @@ def trainings() -> dict[str, Callable[[], Any]]:
     plain = {"hallucinate": False}
     tsinf, theory = {"propagation": "tsinf"}, {"beta": "theory"}
     likely = {"optimize_hyperparameters": True, "recalibrate": True}
-    many = {"horizon": 3, "num_particles": 60}
+    many, few = {"horizon": 3, "num_particles": 60}, {"critic_updates": 2, "gradient_steps": 2}
     return {
         **{f"thompson {name}": training(SAC, plain, dynamics=name, exploration="thompson") for name in LEARNED},
         "tsinf": training(SAC, plain, exploration="greedy", exploration_kwargs=tsinf),
@@ -197,11 +197,12 @@ def trainings() -> dict[str, Callable[[], Any]]:
         "bonus": training(SAC, plain, exploration="bonus", uncertainty_cap=2.0, sampling_fraction=0.0),
         "mixed replay": training(SAC, real_data_fraction=0.3, stale_fraction=0.2),
         "ppo": training(PPO, given={"n_steps": 20, "batch_size": 20}),
-        "learned task": training(HSVG, {"hallucinated_dim": 3}, task="learned"),
+        "learned task": training(HSVG, {"hallucinated_dim": 3}, few, task="learned"),
         "steve": training(HMVE, given={"weighting": "steve"}),
-        **{kind.__name__: training(kind) for kind in (HSVG, HBPTT, HMVE, MPO, HMPO, TD3)},
+        "HSVG": training(HSVG, given=few),
+        **{kind.__name__: training(kind) for kind in (HBPTT, HMVE, MPO, HMPO, TD3)},
         **{name: training(HMPC, planner=name, planner_kwargs=many) for name in ("cem", "icem", "mppi")},
-        "ilqr": training(HMPC, planner="ilqr", planner_kwargs={"horizon": 3}),
+        "ilqr": training(HMPC, planner="ilqr", planner_kwargs={"horizon": 3, "num_iterations": 2}),
         "dyna-mpc": training(SAC, dyna_mpc={"horizon": 3}),
     }
 

@@ -154,9 +154,8 @@ def test_a_study_prunes_divergence_goes_on_and_trains_what_it_found(tmp_path: Pa
         most = 1 + -(-640 // trial.params["hucrl_imagined_steps"])
         assert trial.user_attrs["real_steps"] in range(2 * 400, most * 400 + 1, 400)
     number = finished[-1].number
-    run(
-        ZOO, *TRAIN, *study_options, "--trial-id", str(number), "--eval-freq", "-1", "-params", "n_envs:4", cwd=tmp_path
-    )
+    train_it = ["--trial-id", str(number), "--eval-freq", "-1", "-params", "n_envs:4", SHORT[-1]]
+    run(ZOO, *TRAIN, *study_options, *train_it, cwd=tmp_path)
     [config] = tmp_path.glob("logs/sac/*/*/config.yml")
     found = yaml.load(config.read_text(), Loader=yaml.UnsafeLoader)
     assert found["tau"] == finished[-1].params["tau"]

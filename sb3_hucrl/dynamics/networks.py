@@ -89,7 +89,9 @@ class BatchedNetworks(nn.Module):
         if not th.is_grad_enabled() and inputs.shape[1] > CACHED_ROWS:
             return th.cat([self(rows, member) for rows in inputs.split(CACHED_ROWS, dim=1)], dim=1)
         hidden, linear = inputs, None
-        for layer in self.layers[:-1]:
+        # A slice of the list would be a new module, made in every step.
+        *hidden_layers, last = self.layers
+        for layer in hidden_layers:
             hidden = layer(hidden, member)
             if self.linear_path and linear is None:
                 linear = hidden
@@ -99,7 +101,7 @@ class BatchedNetworks(nn.Module):
             hidden = silu(hidden, inplace=not th.is_grad_enabled() and hidden is not linear)
         if linear is not None:
             hidden = hidden + linear
-        outputs: th.Tensor = self.layers[-1](hidden, member)
+        outputs: th.Tensor = last(hidden, member)
         return outputs
 
     @property
