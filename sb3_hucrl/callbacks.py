@@ -20,11 +20,9 @@ from sb3_hucrl.tasks import Task
 @validated
 class HUCRLCallback(BaseCallback):
     """
-    Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to.
-
-    It plays ``initial_episodes`` random real episodes, or reads ``transitions``, and fits the dynamics model. After
-    ``imagined_steps`` timesteps in imagination it plays ``real_episodes`` (without a′), refits the model, and so on.
-    What is learned is ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`) in its zip file: a loaded model goes on from it.
+    Alternates real episodes with policy search in imagination, by the SB3 algorithm that it is given to. Random ones,
+    or logged ``transitions``, come first, then in turn a fit of the dynamics model, a search, and ``real_episodes``
+    without a′. What is learned is ``model.hucrl`` (:class:`sb3_hucrl.HUCRLState`), in zip files too.
 
     :param exploration: a strategy, or the name of one (:data:`sb3_hucrl.exploration.STRATEGIES`)
     :param exploration_kwargs: arguments of the named strategy, such as ``{"beta": 1.0}``
@@ -42,6 +40,7 @@ class HUCRLCallback(BaseCallback):
     :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
     :param max_real_steps: stop training after the first real episode that reaches so many real steps; by default never
     :param whole_episodes: False: let real episodes wait for refits and searches, after exactly ``real_steps``
+    :param early_time_limit: ``[steps, until]``: before ``until`` real steps, episodes end after ``steps``; or never
     :param sampling_fraction: of the training, in which real episodes sample the policy; later the best mode plays
     :param start_states: weights of the kinds of imagined start states, see :class:`sb3_hucrl.StartStates`
     :param real_data_fraction: fraction of real transitions in each batch of an off-policy algorithm, in [0, 1]
@@ -77,6 +76,7 @@ class HUCRLCallback(BaseCallback):
         real_envs: int = 1,
         max_real_steps: int | None = None,
         whole_episodes: bool = True,
+        early_time_limit: Sequence[int] | None = None,
         sampling_fraction: float = 0.5,
         start_states: Mapping[str, float] | None = None,
         real_data_fraction: float = 0.0,
@@ -95,7 +95,7 @@ class HUCRLCallback(BaseCallback):
         played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
         searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
         self.settings = Settings(
-            RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes),
+            RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes, early_time_limit),
             SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise),
             ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
             planning_settings(planner, planner_kwargs, dyna_mpc),

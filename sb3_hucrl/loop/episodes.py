@@ -47,6 +47,7 @@ class Round:
     :param problem: the hallucinated part a′ of its actions is not stored
     :param num_episodes: played in as many copies, the first ones; None for all
     :param reality: compares the task with each episode that is over; None for no comparison
+    :param time_limit: after which the systems end an episode, in steps; None for that of the problem
     """
 
     def __init__(
@@ -55,11 +56,14 @@ class Round:
         problem: Problem,
         num_episodes: Count | None = None,
         reality: Reality | None = None,
+        time_limit: Count | None = None,
     ) -> None:
         count = len(systems) if num_episodes is None else num_episodes
         self._systems, self._action_space = systems, problem.action_space
-        self._episodes = [EpisodeRecorder(f"environment {index}", problem, reality) for index in range(count)]
-        self._longest, self._begun = problem.episode_length, False
+        self.time_limit, self._begun = time_limit or problem.episode_length, False
+        self._episodes = [
+            EpisodeRecorder(f"environment {index}", problem, self.time_limit, reality) for index in range(count)
+        ]
 
     def play(self, act: BatchActor, label: str = "real episode", steps: Count | None = None) -> list[Transitions]:
         """
@@ -80,7 +84,7 @@ class Round:
                 episode.begin(observation)
             self._begun = True
         first = np.ones(len(episodes), dtype=np.bool_)
-        most = self._longest if steps is None else steps
+        most = self.time_limit if steps is None else steps
         advance = begin_phase(label, most)
         for _ in range(most):
             running = [index for index, episode in enumerate(episodes) if episode.transitions is None]
@@ -123,11 +127,12 @@ class EpisodeRecorder:
 
     :param where: it is played, for error messages
     :param problem: the hallucinated part a′ of its actions is not stored
+    :param time_limit: after which it ends, in steps
     :param reality: compares the task with the episode when it is over; None for no comparison
     """
 
-    def __init__(self, where: str, problem: Problem, reality: Reality | None) -> None:
-        self._where, self._problem, self._reality = where, problem, reality
+    def __init__(self, where: str, problem: Problem, time_limit: int, reality: Reality | None) -> None:
+        self._where, self._problem, self._time_limit, self._reality = where, problem, time_limit, reality
         self._observations: list[Array] = []
         self._actions: list[Array] = []
         self._rewards: list[float] = []
@@ -156,11 +161,10 @@ class EpisodeRecorder:
         self._observe(observation)
         if terminated or truncated:
             self.transitions = self._finish(bool(terminated))
-        elif len(self._actions) >= self._problem.episode_length:
+        elif len(self._actions) >= self._time_limit:
             raise ValueError(
-                f"a real episode has not ended after {len(self._actions)} steps ({self._where}), which is "
-                "the time limit of its specification: wrap the environment in gymnasium.wrappers.TimeLimit, which ends "
-                "it there"
+                f"a real episode has not ended after {len(self._actions)} steps ({self._where}), which is its time "
+                "limit: wrap the environment in gymnasium.wrappers.TimeLimit, which ends it there"
             )
 
     def take_part(self) -> Part:

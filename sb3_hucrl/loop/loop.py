@@ -126,7 +126,7 @@ class Loop:
         #: what is imagined now; before the first search a draft around the unfitted model
         self.world: World = self.recipe.draft(self.state, self._starts)
         # The file of a run that is told does not say whether it was over.
-        self._solved, self._searching = real is None and self._is_solved, False
+        self._solved, self._searching = real is None and self._plan.is_solved, False
         #: before a real episode that has not been finished
         self._imagined: ImaginedEpisode | None = None
         self._scalars: dict[str, float] = {}
@@ -327,7 +327,7 @@ class Loop:
 
     def _imagine(self, act: BatchActor) -> ImaginedEpisode:
         """What the model promises of the next real episode, the first of its round."""
-        episode = imagine_episode(self.world.from_real_starts(self.problem.episode_length).trajectories(1, seed=0), act)
+        episode = imagine_episode(self.world.from_real_starts(self._plan.time_limit).trajectories(1, seed=0), act)
         # Of the whole model, even where a posterior sample was imagined, which has none.
         self._scalars["imagined/epistemic_std"] = float(epistemic_std(self.state.dynamics, episode).mean())
         return ImaginedEpisode(self.state.real_episodes + 1, episode)
@@ -351,7 +351,7 @@ class Loop:
 
         try:
             label = "real episode" if self.state.fitted_steps else "random episode"
-            return player.play(act, label, self._plan.part, self._remember_played)
+            return player.play(act, label, self._plan.part, self._plan.time_limit, self._remember_played)
         finally:
             self._rollout_seconds += time.perf_counter() - started
             if not self.state.dataset.under_way:
@@ -371,12 +371,7 @@ class Loop:
             state.remember_imagined(self._imagined)
         episodes = state.dataset.episodes[-ended:]
         state.last_return = float(np.mean([float(episode.rewards.sum(dtype=th.float64)) for episode in episodes]))
-        self._solved |= self._is_solved
-
-    @property
-    def _is_solved(self) -> bool:
-        threshold = self.settings.real.reward_threshold
-        return threshold is not None and self.state.last_return >= threshold
+        self._solved |= self._plan.is_solved
 
     def refit(self) -> None:
         """Fit the dynamics model to all real transitions, and report."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from sb3_hucrl.loop.budget import MOST_LOGGED, least_real_steps, search_length
+from sb3_hucrl.loop.schedule import EarlyTimeLimit
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState
 
@@ -59,6 +60,26 @@ class Plan:
     def _budget(self, steps: int | None) -> int:
         """Real steps to play at least, where the settings leave it open: short episodes are no reason for a refit."""
         return least_real_steps(self.episode_length) if steps is None else steps
+
+    @property
+    def time_limit(self) -> int:
+        """Of a real episode that begins now, in steps."""
+        return self._time_limit_at(self.state.real_steps)
+
+    def _time_limit_at(self, real_steps: int) -> int:
+        given = self.settings.real.early_time_limit
+        if given is None or real_steps >= (early := EarlyTimeLimit.read(given)).until:
+            return self.episode_length
+        return min(early.steps, self.episode_length)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the latest real episodes, if they had the time limit of the environment, reach the threshold."""
+        threshold, state = self.settings.real.reward_threshold, self.state
+        if threshold is None or not state.last_return >= threshold:
+            return False
+        begun = state.real_steps - sum(state.dataset.lengths[-self.settings.real.real_envs :])
+        return self._time_limit_at(begun) == self.episode_length
 
     @property
     def misses_random(self) -> bool:

@@ -34,20 +34,24 @@ class Player:
         """Whether the next steps go on with a round."""
         return self._round is not None
 
-    def play(self, act: BatchActor, label: str, steps: int | None, remember: Remember) -> list[Transitions]:
+    def play(
+        self, act: BatchActor, label: str, steps: int | None, time_limit: int, remember: Remember
+    ) -> list[Transitions]:
         """
         Begin a round, or go on with the one that is under way. If it is interrupted, it is not under way any more.
 
         :param act: chooses the actions of all copies
         :param label: of the progress bar
         :param steps: after which to wait at the latest; None for the end of all episodes
+        :param time_limit: of a round that begins
         :param remember: called with what was played, also after an interruption; then with episodes that are over
         :return: the episodes that are over, in the order of the copies
         """
-        playing = self._round or Round(self._systems, self._problem, self._real_envs, self._reality)
+        playing = self._round or Round(self._systems, self._problem, self._real_envs, self._reality, time_limit)
         self._round, whole = None, True
         try:
-            finished = playing.play(act, label, steps)
+            with self._systems.ending_after(playing.time_limit, self._problem.episode_length):
+                finished = playing.play(act, label, steps)
             whole = steps is None
             self._round = None if playing.is_over else playing
             return finished

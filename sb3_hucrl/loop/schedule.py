@@ -1,4 +1,4 @@
-"""Imagined horizons that grow with the data."""
+"""Lengths of trajectories and episodes that grow with the data."""
 
 from __future__ import annotations
 
@@ -54,3 +54,33 @@ class HorizonSchedule:
         """
         progress = min(1.0, max(0.0, (real_steps - self.begin) / (self.end - self.begin)))
         return int(self.first + progress * (self.last - self.first))
+
+
+@validated
+@dataclass(frozen=True)
+class EarlyTimeLimit:
+    """
+    A time limit of the first real episodes, which begin anew more often.
+
+    :param steps: after which they end
+    :param until: real steps from which on episodes last as long as those of the environment
+    """
+
+    steps: Count
+    until: Natural
+
+    @classmethod
+    @validated
+    def read(cls, early_time_limit: Sequence[Natural]) -> EarlyTimeLimit:
+        """
+        :param early_time_limit: ``[steps, until]``
+        :raises ValueError: if it is anything else
+        """
+        if len(early_time_limit) != 2:
+            raise ArgumentError.of_value(
+                "early_time_limit",
+                early_time_limit,
+                "[steps, until] such as [200, 2_000]: episodes end after 200 steps until there are 2,000 real steps",
+            )
+        with within("early_time_limit"):
+            return cls(*early_time_limit)

@@ -21,7 +21,7 @@ from sb3_hucrl.checks import (
 from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
 from sb3_hucrl.imagination import StartStates
-from sb3_hucrl.loop.schedule import HorizonSchedule
+from sb3_hucrl.loop.schedule import EarlyTimeLimit, HorizonSchedule
 from sb3_hucrl.planning import PlanningSettings
 from sb3_hucrl.tasks import Task
 from sb3_hucrl.tasks.registry import require_task_arguments
@@ -49,6 +49,8 @@ class RealSettings:
     :param whole_episodes: whether refits wait for the end of a real episode. If not, the real environment waits for the
         search: after ``initial_steps`` and ``real_steps``, and not more, the episode goes on with a new policy. Only
         the last policy plays on to the end of its episode
+    :param early_time_limit: ``[steps, until]``: real episodes that begin before ``until`` real steps end after
+        ``steps``, and do not count for the ``reward_threshold``; None for the environment's time limit in all of them
     :raises ValueError: if a number is out of its range
     """
 
@@ -61,6 +63,11 @@ class RealSettings:
     sampling_fraction: Fraction = 0.5
     reward_threshold: Real | None = None
     whole_episodes: bool = True
+    early_time_limit: Sequence[Natural] | None = None
+
+    def __post_init__(self) -> None:
+        if self.early_time_limit is not None:
+            EarlyTimeLimit.read(self.early_time_limit)
 
 
 @validated

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import partial
 from typing import Annotated, Any, Protocol, SupportsFloat, TypeAlias, TypeVar, runtime_checkable
 
@@ -12,6 +13,7 @@ from pydantic import Field
 from sb3_hucrl.checks import validated
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop.settings import RealSettings
+from sb3_hucrl.spaces import TIME_LIMIT
 
 T = TypeVar("T")
 #: of a step: observation, reward, terminated, truncated, infos
@@ -34,6 +36,17 @@ class RealSystem(Protocol):
         """
 
 
+@runtime_checkable
+class LimitedSystem(RealSystem, Protocol):
+    """A real system whose time limit can be changed: any ``gymnasium.Env`` within a ``TimeLimit``."""
+
+    def set_wrapper_attr(self, name: str, value: Any) -> Any:
+        """
+        :param name: of an attribute of a wrapper
+        :param value: its new value
+        """
+
+
 Copies: TypeAlias = Annotated[Sequence[RealSystem], Field(min_length=1, description="a list of at least one system")]
 
 
@@ -51,6 +64,29 @@ class RealSystems:
 
     def __len__(self) -> int:
         return len(self._copies)
+
+    @property
+    def have_time_limits(self) -> bool:
+        """Whether all copies have a time limit that can be changed."""
+        return all(isinstance(each, LimitedSystem) for each in self._copies)
+
+    @contextmanager
+    def ending_after(self, steps: int, usually: int) -> Iterator[None]:
+        """
+        :param steps: after which all copies end their episodes within the context
+        :param usually: the same, outside of it
+        """
+        if steps != usually:
+            self._limit(steps)
+        try:
+            yield
+        finally:
+            if steps != usually:
+                self._limit(usually)
+
+    def _limit(self, steps: int) -> None:
+        limited = [each for each in self._copies if isinstance(each, LimitedSystem)]
+        self._call([partial(each.set_wrapper_attr, TIME_LIMIT, steps) for each in limited])
 
     def reset(self, indices: Sequence[int]) -> list[Any]:
         """
@@ -116,9 +152,16 @@ def require_systems(systems: RealSystems | None, settings: RealSettings) -> None
                 f"whole_episodes is False, and real_envs is {settings.real_envs}: parts of episodes are played in one "
                 "environment; leave one of them out"
             )
+        if settings.early_time_limit is not None and not systems.have_time_limits:
+            raise ValueError(
+                f"early_time_limit is {settings.early_time_limit}, and the real system is no gymnasium.Env, whose "
+                "TimeLimit could be changed: leave it out"
+            )
         return
     if not settings.whole_episodes:
         raise ValueError("whole_episodes is False, and real episodes are told, which come as a whole: leave it out")
+    if settings.early_time_limit is not None:
+        raise ValueError("early_time_limit ends real episodes early, and these are told: leave it out, or play so long")
     if settings.max_real_steps is None:
         raise ValueError(
             "max_real_steps is None, and real episodes are told: give the number of real steps that you plan; "

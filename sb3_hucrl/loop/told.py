@@ -124,7 +124,7 @@ def read_episode(episode: Episode, problem: Problem, reality: Reality | None) ->
             "without a′"
         )
     require_actions(actions, len(actions), space)
-    recorder = EpisodeRecorder(f"episode of policy {episode.policy_id!r}", problem, reality)
+    recorder = EpisodeRecorder(f"episode of policy {episode.policy_id!r}", problem, problem.episode_length, reality)
     recorder.begin(episode.observations[0])
     steps = zip(episode.observations[1:], episode.rewards, episode.terminated, episode.truncated, strict=True)
     for action, (observation, reward, terminated, truncated) in zip(actions, steps, strict=True):

@@ -45,6 +45,8 @@ def make_loop(
     problem = read_problem(env.venv, settings.model)
     if isinstance(problem.task, LearnedReward):
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
+    if (early := settings.real.early_time_limit) is not None:
+        model.logger.info(f"real episodes end after {early[0]:,} steps until {early[1]:,} real steps: early_time_limit")
     carried = get_state(model)
     lines = carried_lines(model)
     record = monitor_recorder(lines)

@@ -50,7 +50,7 @@ class SingleEnv:
     :param venv: real environments
     :param index: of the environment
     :param on_monitored: called at the end of each episode with what Monitor says of it
-    :raises RuntimeError: in both methods, if the process of the environment has ended
+    :raises RuntimeError: in all methods, if the process of the environment has ended
     """
 
     def __init__(self, venv: VecEnv, index: int, on_monitored: Callable[[Mapping[str, Any]], None]) -> None:
@@ -65,6 +65,9 @@ class SingleEnv:
         if (terminated or truncated) and "episode" in infos:
             self._on_monitored(infos["episode"])
         return observation, reward, terminated, truncated, infos
+
+    def set_wrapper_attr(self, name: str, value: Any) -> None:
+        self._call("set_wrapper_attr", name, value)
 
     def _call(self, method: str, *arguments: Any) -> Any:
         try:
