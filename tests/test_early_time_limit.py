@@ -91,8 +91,9 @@ def test_a_short_episode_solves_nothing() -> None:
     "kind", [None, pytest.param(SubprocVecEnv, marks=pytest.mark.slow)], ids=["one process", "processes"]
 )
 def test_monitor_writes_short_episodes_and_the_model_promises_as_many_steps(kind: Any, tmp_path: Path) -> None:
+    limited = {"max_episode_steps": LENGTH}
     venv = make_vec_env(
-        ENV_ID, 4, seed=0, env_kwargs={"max_episode_steps": LENGTH}, monitor_dir=str(tmp_path), vec_env_cls=kind
+        f"sb3_hucrl:{ENV_ID}", 4, seed=0, env_kwargs=limited, monitor_dir=str(tmp_path), vec_env_cls=kind
     )
     model = small_sac(ImaginationVecEnv(venv))
     callback = small_callback(initial_steps=1, real_steps=1, early_time_limit=[10, 20], max_real_steps=70)
@@ -129,7 +130,7 @@ def test_a_system_whose_limit_cannot_be_changed_is_refused() -> None:
     problem = Problem.from_env(real_env(), MODEL)
     with pytest.raises(ValueError, match=r"early_time_limit is \[10, 20\], and the real system is no gymnasium.Env"):
         Loop(settings, problem, Robot())
-    with pytest.raises(ValueError, match="early_time_limit ends real episodes early, and these are told"):
+    with pytest.raises(ValueError, match=r"early_time_limit is \[10, 20\], and real episodes are told"):
         Loop(settings, problem, None)
 
 

@@ -161,7 +161,10 @@ def require_systems(systems: RealSystems | None, settings: RealSettings) -> None
     if not settings.whole_episodes:
         raise ValueError("whole_episodes is False, and real episodes are told, which come as a whole: leave it out")
     if settings.early_time_limit is not None:
-        raise ValueError("early_time_limit ends real episodes early, and these are told: leave it out, or play so long")
+        raise ValueError(
+            f"early_time_limit is {settings.early_time_limit}, and real episodes are told: leave it out, and end the "
+            "first ones yourself"
+        )
     if settings.max_real_steps is None:
         raise ValueError(
             "max_real_steps is None, and real episodes are told: give the number of real steps that you plan; "
