@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -229,14 +230,22 @@ def test_a_training_without_the_callback_is_warned_once() -> None:
     assert len([each for each in caught if "nothing was imagined" in str(each.message)]) == 1
 
 
+class Idle:
+    """A policy that takes no time."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[np.ndarray, None]:
+        return np.zeros((len(observation), 3), dtype=np.float32), None
+
+
 @pytest.mark.parametrize(("n_envs", "limit"), [(1, 2_000), (4, 100), (4, 600)])
 def test_an_evaluation_is_not_taken_for_a_training(n_envs: int, limit: int) -> None:
     env = imagination_env(n_envs, max_episode_steps=limit)
-    model = SAC("MlpPolicy", env, device="cpu")
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         for _ in range(4):
-            evaluate_policy(model, env, n_eval_episodes=10, warn=False)
+            evaluate_policy(Idle(), env, n_eval_episodes=10, warn=False)
 
 
 def test_real_steps_after_imagination_are_no_accident() -> None:

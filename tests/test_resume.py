@@ -26,13 +26,14 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("algo", "vec_env"), [("sac", "dummy"), ("sac", "subproc"), ("ppo", "dummy"), ("sbx_sac", "dummy")]
+    ("algo", "vec_env", "kills"),
+    [("sac", "dummy", 2), ("sac", "subproc", 1), ("ppo", "dummy", 1), ("sbx_sac", "dummy", 1)],
 )
-def test_killed_trainings_go_on_where_their_checkpoint_was(algo: str, vec_env: str) -> None:
+def test_killed_trainings_go_on_where_their_checkpoint_was(algo: str, vec_env: str, kills: int) -> None:
     if algo.startswith("sbx"):
         pytest.importorskip("sbx")
     script = str(ROOT / "scripts" / "kill_and_resume.py")
-    command = [sys.executable, script, "--kills", "2", "--algo", algo, "--vec-env", vec_env]
+    command = [sys.executable, script, "--kills", str(kills), "--algo", algo, "--vec-env", vec_env]
     process = subprocess.run(command, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
     assert "nothing lost" in process.stdout
