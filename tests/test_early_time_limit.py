@@ -77,6 +77,24 @@ def test_an_interruption_leaves_the_environment_as_it_was() -> None:
     assert env.get_wrapper_attr(TIME_LIMIT) == LENGTH
 
 
+def test_an_interruption_that_ends_the_process_of_the_environment_stays_one() -> None:
+    class Ends(gym.Wrapper[Any, Any, Any, Any]):
+        ended = False
+
+        def step(self, action: Any) -> Any:
+            self.ended = True
+            raise KeyboardInterrupt
+
+        def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+            if self.ended:
+                raise RuntimeError("the process of environment 0 ended")
+            return super().set_wrapper_attr(name, value, force=force)
+
+    loop = pendulum_loop(Ends(real_env()), early_time_limit=[10, 25])
+    with pytest.raises(KeyboardInterrupt):
+        loop.play(no_torque)
+
+
 def test_a_short_episode_solves_nothing() -> None:
     # Hanging costs nothing: every return is 0, up to rounding.
     loop = pendulum_loop(real_env(), early_time_limit=[10, 15], reward_threshold=-1.0)

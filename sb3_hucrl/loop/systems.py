@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Annotated, Any, Protocol, SupportsFloat, TypeAlias, TypeVar, runtime_checkable
 
@@ -76,12 +76,15 @@ class RealSystems:
         :param steps: after which all copies end their episodes within the context
         :param usually: the same, outside of it
         """
-        if steps != usually:
-            self._limit(steps)
+        if steps == usually:
+            yield
+            return
+        self._limit(steps)
         try:
             yield
         finally:
-            if steps != usually:
+            # Ctrl-C ends the processes of copies, too, and must not be hidden by that.
+            with suppress(RuntimeError):
                 self._limit(usually)
 
     def _limit(self, steps: int) -> None:
