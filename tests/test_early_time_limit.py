@@ -17,6 +17,7 @@ from helpers import ENV_ID, small_callback, small_sac, state_of
 from sb3_hucrl import ImaginationVecEnv, Loop
 from sb3_hucrl.imagination import Array
 from sb3_hucrl.loop import ModelSettings, Problem, RealSettings, SearchSettings, Settings
+from sb3_hucrl.loop.schedule import EarlyTimeLimit
 from sb3_hucrl.spaces import TIME_LIMIT
 
 LENGTH = 30
@@ -47,6 +48,14 @@ def test_episodes_that_begin_early_are_short_and_later_ones_as_long_as_ever() ->
     # It was cut short, and is not the end of the task.
     assert not loop.state.dataset.transitions.terminated.any()
     assert len(loop.state.dataset.initial_states) == 5
+    assert EarlyTimeLimit(10, 25).count(loop.state.dataset.lengths, together=1) == 3
+
+
+def test_of_a_round_all_episodes_are_short_or_none() -> None:
+    assert EarlyTimeLimit(10, 15).count([10, 10, 10, 10, 30, 30], together=2) == 2
+    assert EarlyTimeLimit(10, 15).count([10, 10, 10, 10, 30, 30], together=1) == 2
+    assert EarlyTimeLimit(10, 25).count([10, 10, 10, 10, 30, 30], together=2) == 4
+    assert EarlyTimeLimit(10, 0).count([30, 30], together=1) == 0
 
 
 def test_a_limit_beyond_that_of_the_environment_changes_nothing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 from sb3_hucrl.checks import ArgumentError, Count, Natural, validated, within
 
@@ -84,3 +85,12 @@ class EarlyTimeLimit:
             )
         with within("early_time_limit"):
             return cls(*early_time_limit)
+
+    def count(self, lengths: Sequence[int], together: int) -> int:
+        """
+        :param lengths: of all real episodes
+        :param together: how many of them are played at once
+        :return: number of those, the first ones, that this is the time limit of
+        """
+        begins = [0, *accumulate(lengths)]
+        return sum(begins[index - index % together] < self.until for index in range(len(lengths)))

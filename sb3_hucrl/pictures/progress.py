@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import gymnasium as gym
 import pandas as pd
 
+from sb3_hucrl.loop.schedule import EarlyTimeLimit
 from sb3_hucrl.zoo.runs import ZooRun
 
 PANELS = {
@@ -35,6 +37,9 @@ def draw_progress(run: ZooRun, picture: Path) -> None:
         axis.set_title(title, fontsize=10)
         axis.grid(alpha=0.3)
     promised = run.state.promised_returns
+    shortened = shortened_episodes(run)
+    if shortened > 0:
+        axes[0, 0].axvspan(0.5, shortened + 0.5, color="gray", alpha=0.15, linewidth=0, label="early time limit")
     numbers, returns = [each.real_episode for each in promised], [each.value for each in promised]
     axes[0, 0].plot(numbers, returns, marker="o", markersize=3, linestyle="--", label="imagined before it")
     axes[0, 0].legend(fontsize=8)
@@ -44,3 +49,17 @@ def draw_progress(run: ZooRun, picture: Path) -> None:
         axis.set_xlabel("real episode")
     figure.suptitle(f"{run.folder}: {run.state.real_steps:,} real steps")
     figure.savefig(picture, dpi=130)
+
+
+def shortened_episodes(run: ZooRun) -> int:
+    """
+    :param run: with an ``early_time_limit`` or without
+    :return: number of real episodes, the first ones, that had a shorter time limit than the environment's
+    """
+    given, spec = run.settings.real.early_time_limit, gym.spec(run.env_id)
+    if given is None or spec.max_episode_steps is None:
+        return 0
+    early = EarlyTimeLimit.read(given)
+    if early.steps >= spec.max_episode_steps:
+        return 0
+    return early.count(run.state.dataset.lengths, run.settings.real.real_envs)
