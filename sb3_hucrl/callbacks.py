@@ -35,6 +35,7 @@ class HUCRLCallback(BaseCallback):
     :param transitions: logged data to begin with: a file, Minari id, replay buffer or dataset, see docs/logged_data.md
     :param initial_episodes: random real episodes before the first search; by default 1, or none with ``transitions``
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
+    :param initial_hold: each random action is held for 1 to so many steps; with more than 1, half are at a bound
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
     :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
@@ -71,6 +72,7 @@ class HUCRLCallback(BaseCallback):
         transitions: LoggedSource | None = None,
         initial_episodes: int | None = None,
         initial_steps: int | None = None,
+        initial_hold: int = 1,
         real_episodes: int = 1,
         real_steps: int | None = None,
         real_envs: int = 1,
@@ -92,14 +94,12 @@ class HUCRLCallback(BaseCallback):
         verbose: Natural | None = None,
     ) -> None:
         super().__init__(verbose or 0)
-        played = initial_episodes, initial_steps, real_episodes, real_steps, real_envs, max_real_steps
+        played = initial_episodes, initial_steps, initial_hold, real_episodes, real_steps, real_envs, max_real_steps
         searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
-        self.settings = Settings(
-            RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes, early_time_limit),
-            SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise),
-            ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs),
-            planning_settings(planner, planner_kwargs, dyna_mpc),
-        )
+        real = RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes, early_time_limit)
+        search = SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise)
+        model = ModelSettings(dynamics, dynamics_kwargs, task, task_kwargs)
+        self.settings = Settings(real, search, model, planning_settings(planner, planner_kwargs, dyna_mpc))
         self.transitions, self.log_dir, self.checkpoint = transitions, log_dir, checkpoint
         self.given_verbose, self._log, self._searching = verbose, TrainingLog(), False
 

@@ -40,6 +40,7 @@ class RealSettings:
         logged data and no ``initial_steps``
     :param initial_steps: steps that these have together, at least; None for one full-length episode, or 200 steps if
         that is less
+    :param initial_hold: for how many steps a random action is held at most, see :func:`sb3_hucrl.loop.random_actor`
     :param real_episodes: after each search, at least 1
     :param real_steps: steps that these have together, at least; None as above
     :param real_envs: number of environments in which they are played at once, at least 1
@@ -56,6 +57,7 @@ class RealSettings:
 
     initial_episodes: Count | None = None
     initial_steps: Count | None = None
+    initial_hold: Count = 1
     real_episodes: Count = 1
     real_steps: Count | None = None
     real_envs: Count = 1
