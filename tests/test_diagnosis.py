@@ -52,7 +52,7 @@ from sb3_hucrl.zoo.runs import ZooRun
 from zoo_command import run
 
 UNITS = Units(PendulumTask())
-SETUP = Setup("optimistic", 1.0, "ensemble", 50, 1000, None, 4, True, Replay(8, 0.02, 4), None)
+SETUP = Setup("optimistic", 1.0, "ensemble", 50, 1000, None, 4, True, True, Replay(8, 0.02, 4), None)
 
 
 def played(steps: int, seed: int) -> Transitions:
@@ -274,6 +274,8 @@ def test_gain() -> None:
     greedy = judge_gain(search_of(mode=0.0, effort=0.01), replace(SETUP, strategy="greedy", inflated_starts=False))
     assert greedy.settings[0] == "hucrl_exploration:\"'optimistic'\""
     assert "inflated" in greedy.settings[1]
+    uniform = judge_gain(search_of(mode=0.0, effort=0.01), replace(SETUP, held_actions=False))
+    assert uniform.settings == ("hucrl_exploration__beta:3", "hucrl_initial_hold:50")
     long_already = replace(SETUP, imagined_steps=100_000)
     nothing = judge_gain(search_of(mode=0.0), long_already)
     assert (nothing.level, nothing.settings[0]) == (Level.CAUSE, "hucrl_imagined_steps:200000")

@@ -45,6 +45,7 @@ class Setup:
     :param uncertainty_cap: at which trajectories end
     :param real_episodes: so far
     :param inflated_starts: whether imagination also starts beyond the visited states
+    :param held_actions: whether the random actions of the first episodes were held
     :param replay: of an off-policy algorithm; None of others
     :param epochs: that an on-policy algorithm repeats its data for; None of others
     """
@@ -57,6 +58,7 @@ class Setup:
     uncertainty_cap: float | None
     real_episodes: int
     inflated_starts: bool
+    held_actions: bool
     replay: Replay | None
     epochs: int | None
 
@@ -80,6 +82,7 @@ def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAl
         uncertainty_cap=search.uncertainty_cap,
         real_episodes=real_episodes,
         inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,
+        held_actions=settings.real.initial_hold > 1,
         replay=_replay_of(model),
         epochs=getattr(model, "n_epochs", None),
     )
@@ -146,12 +149,13 @@ def more_hope(setup: Setup) -> tuple[str, ...]:
 
     :param setup: of the run
     """
-    # A sparse reward has to be met in imagination at least once, by hope or by the start states.
+    # A sparse reward has to be met at least once: in imagination by hope or by the start states, or in reality.
     wider = "hucrl_start_states:\"{'initial': 1, 'visited': 1, 'inflated': 1}\""
     starts = () if setup.inflated_starts else (wider,)
+    held = () if setup.held_actions else ("hucrl_initial_hold:50",)
     if setup.strategy == "optimistic":
-        return (f"hucrl_exploration__beta:{3 * (setup.beta or 1.0):g}", *starts)
-    return ("hucrl_exploration:\"'optimistic'\"", *starts)
+        return (f"hucrl_exploration__beta:{3 * (setup.beta or 1.0):g}", *starts, *held)
+    return ("hucrl_exploration:\"'optimistic'\"", *starts, *held)
 
 
 def faster_values(setup: Setup) -> tuple[str, ...]:
