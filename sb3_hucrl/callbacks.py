@@ -35,7 +35,7 @@ class HUCRLCallback(BaseCallback):
     :param transitions: logged data to begin with: a file, Minari id, replay buffer or dataset, see docs/logged_data.md
     :param initial_episodes: random real episodes before the first search; by default 1, or none with ``transitions``
     :param initial_steps: least number of steps in them; by default 200, or a full-length episode if that has fewer
-    :param initial_hold: each random action is held for 1 to so many steps; with more than 1, half are at a bound
+    :param seek_reward: ``[hold, until]``: where random episodes meet no reward, their actions are held, and they go on
     :param real_episodes: real episodes after each search, at least 1
     :param real_steps: least number of steps in them; by default as for ``initial_steps``
     :param real_envs: number of environments that play real episodes at once, a round; ``real/return`` is its mean
@@ -72,7 +72,7 @@ class HUCRLCallback(BaseCallback):
         transitions: LoggedSource | None = None,
         initial_episodes: int | None = None,
         initial_steps: int | None = None,
-        initial_hold: int = 1,
+        seek_reward: Sequence[int] | None = None,
         real_episodes: int = 1,
         real_steps: int | None = None,
         real_envs: int = 1,
@@ -94,7 +94,7 @@ class HUCRLCallback(BaseCallback):
         verbose: Natural | None = None,
     ) -> None:
         super().__init__(verbose or 0)
-        played = initial_episodes, initial_steps, initial_hold, real_episodes, real_steps, real_envs, max_real_steps
+        played = initial_episodes, initial_steps, seek_reward, real_episodes, real_steps, real_envs, max_real_steps
         searched = choose_strategy(exploration, exploration_kwargs), imagined_steps, horizon, start_states
         real = RealSettings(*played, sampling_fraction, reward_threshold, whole_episodes, early_time_limit)
         search = SearchSettings(*searched, real_data_fraction, stale_fraction, uncertainty_cap, standardise)

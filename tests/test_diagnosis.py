@@ -274,8 +274,8 @@ def test_gain() -> None:
     greedy = judge_gain(search_of(mode=0.0, effort=0.01), replace(SETUP, strategy="greedy", inflated_starts=False))
     assert greedy.settings[0] == "hucrl_exploration:\"'optimistic'\""
     assert "inflated" in greedy.settings[1]
-    uniform = judge_gain(search_of(mode=0.0, effort=0.01), replace(SETUP, held_actions=False))
-    assert uniform.settings == ("hucrl_exploration__beta:3", "hucrl_initial_hold:50")
+    uniform = judge_gain(search_of(mode=0.0, effort=0.01), replace(SETUP, sought_reward=False))
+    assert uniform.settings == ("hucrl_exploration__beta:3", "hucrl_seek_reward:[50,2000]")
     long_already = replace(SETUP, imagined_steps=100_000)
     nothing = judge_gain(search_of(mode=0.0), long_already)
     assert (nothing.level, nothing.settings[0]) == (Level.CAUSE, "hucrl_imagined_steps:200000")

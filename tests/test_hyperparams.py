@@ -72,7 +72,7 @@ def resolved_callback(callbacks: Any, env_id: str) -> dict[str, Any]:
     assert settings.pop("real_envs") == 1
     assert settings.pop("whole_episodes") is True
     assert settings.pop("early_time_limit") is None
-    assert settings.pop("initial_hold") == 1
+    assert settings.pop("seek_reward") is None
     # Without logged data, one random episode.
     assert settings.pop("transitions") is None
     settings["initial_episodes"] = settings["initial_episodes"] or 1

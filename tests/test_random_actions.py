@@ -11,9 +11,7 @@ import pytest
 import torch as th
 from gymnasium import spaces
 
-from helpers import ENV_ID
-from sb3_hucrl import Loop
-from sb3_hucrl.loop import ModelSettings, Problem, RealSettings, Settings, random_actor
+from sb3_hucrl.loop import random_actor
 
 BOX = spaces.Box(np.array([-1.0, 2.0], dtype=np.float32), np.array([3.0, 2.5], dtype=np.float32))
 
@@ -86,23 +84,3 @@ def test_a_car_leaves_its_valley_by_actions_that_are_held(hold: int, escapes: bo
             first = np.array([False])
         ended.append(terminated)
     assert (sum(ended) >= 4) if escapes else not any(ended)
-
-
-def test_the_first_real_episodes_hold_their_actions_also_where_they_are_asked_for() -> None:
-    real = RealSettings(initial_hold=20, max_real_steps=1_000)
-    settings = Settings(real, model=ModelSettings(dynamics_kwargs={"gradient_steps": 5}))
-    env = gym.make(f"sb3_hucrl:{ENV_ID}", max_episode_steps=100)
-    problem = Problem.from_env(env, settings.model)
-    loop = Loop(settings, problem, env, seed=0)
-    loop.begin()
-    actions = loop.state.dataset.transitions.actions.numpy()
-    assert len(runs(actions)) < len(actions) / 3
-    policy = Loop(settings, problem, None, seed=0).ask()
-    asked = np.stack([policy.act(env.observation_space.sample()) for _ in range(100)])
-    assert len(runs(asked)) < len(asked) / 3
-
-
-@pytest.mark.parametrize("hold", [0, -3, 1.5, "long"])
-def test_anything_else_is_refused(hold: object) -> None:
-    with pytest.raises(ValueError, match="initial_hold"):
-        RealSettings(initial_hold=hold)  # type: ignore[arg-type]  # what a YAML file may say

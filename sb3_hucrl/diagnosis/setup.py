@@ -45,7 +45,7 @@ class Setup:
     :param uncertainty_cap: at which trajectories end
     :param real_episodes: so far
     :param inflated_starts: whether imagination also starts beyond the visited states
-    :param held_actions: whether the random actions of the first episodes were held
+    :param sought_reward: whether random episodes that met no reward went on with actions that are held
     :param replay: of an off-policy algorithm; None of others
     :param epochs: that an on-policy algorithm repeats its data for; None of others
     """
@@ -58,7 +58,7 @@ class Setup:
     uncertainty_cap: float | None
     real_episodes: int
     inflated_starts: bool
-    held_actions: bool
+    sought_reward: bool
     replay: Replay | None
     epochs: int | None
 
@@ -82,7 +82,7 @@ def setup_of(settings: Settings, horizon: int, real_episodes: int, model: BaseAl
         uncertainty_cap=search.uncertainty_cap,
         real_episodes=real_episodes,
         inflated_starts=search.start_states is None or search.start_states.get("inflated", 0) > 0,
-        held_actions=settings.real.initial_hold > 1,
+        sought_reward=settings.real.seek_reward is not None,
         replay=_replay_of(model),
         epochs=getattr(model, "n_epochs", None),
     )
@@ -152,10 +152,10 @@ def more_hope(setup: Setup) -> tuple[str, ...]:
     # A sparse reward has to be met at least once: in imagination by hope or by the start states, or in reality.
     wider = "hucrl_start_states:\"{'initial': 1, 'visited': 1, 'inflated': 1}\""
     starts = () if setup.inflated_starts else (wider,)
-    held = () if setup.held_actions else ("hucrl_initial_hold:50",)
+    sought = () if setup.sought_reward else ("hucrl_seek_reward:[50,2000]",)
     if setup.strategy == "optimistic":
-        return (f"hucrl_exploration__beta:{3 * (setup.beta or 1.0):g}", *starts, *held)
-    return ("hucrl_exploration:\"'optimistic'\"", *starts, *held)
+        return (f"hucrl_exploration__beta:{3 * (setup.beta or 1.0):g}", *starts, *sought)
+    return ("hucrl_exploration:\"'optimistic'\"", *starts, *sought)
 
 
 def faster_values(setup: Setup) -> tuple[str, ...]:

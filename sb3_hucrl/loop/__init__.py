@@ -9,6 +9,7 @@ from sb3_hucrl.loop.logged import checked_transitions
 from sb3_hucrl.loop.loop import JUDGED, Loop
 from sb3_hucrl.loop.problem import Problem
 from sb3_hucrl.loop.report import PlayedEpisode, Report
+from sb3_hucrl.loop.reward import meets_reward
 from sb3_hucrl.loop.search import Search
 from sb3_hucrl.loop.selection import choose_policy
 from sb3_hucrl.loop.settings import ModelSettings, RealSettings, SearchSettings, Settings
@@ -42,6 +43,7 @@ __all__ = [
     "checked_transitions",
     "choose_policy",
     "least_real_steps",
+    "meets_reward",
     "random_actor",
     "search_length",
 ]

@@ -159,9 +159,8 @@ class Loop:
         Play the random real episodes that are still missing, and fit the model to what it has not seen. If that was
         interrupted between the real episodes after a search, :meth:`end_search` plays the others first.
         """
-        act = random_actor(self.problem.action_space, self.state.generator, self.settings.real.initial_hold)
         while self._plan.misses_random:
-            self.play(act)
+            self.play(random_actor(self.problem.action_space, self.state.generator, self._plan.random_hold))
         if self._plan.unseen_steps and not self._plan.is_between_episodes:
             self.refit()
 
@@ -273,8 +272,7 @@ class Loop:
         state, promised = self.state, None
         if self._plan.misses_random:
             generator = th.Generator().manual_seed(state.draw_seed())
-            hold = self.settings.real.initial_hold
-            actor = freeze(random_actor(self.problem.action_space, generator, hold))
+            actor = freeze(random_actor(self.problem.action_space, generator, self._plan.random_hold))
         else:
             if self._searching and search is not None:
                 state.asked.found = self._find(search)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 from sb3_hucrl.loop.budget import MOST_LOGGED, least_real_steps, search_length
-from sb3_hucrl.loop.schedule import EarlyTimeLimit
+from sb3_hucrl.loop.reward import meets_reward
+from sb3_hucrl.loop.schedule import EarlyTimeLimit, RewardSeeking
 from sb3_hucrl.loop.settings import Settings
 from sb3_hucrl.loop.state import HUCRLState
 
@@ -88,7 +89,21 @@ class Plan:
         asked = real.initial_episodes is not None or real.initial_steps is not None
         if self.state.fitted_steps > 0 or (self.state.dataset.logged_steps > 0 and not asked):
             return False
-        return self._misses(real.initial_episodes or 1, real.initial_steps)
+        return self._misses(real.initial_episodes or 1, real.initial_steps) or self._seeks_reward
+
+    @property
+    def random_hold(self) -> int:
+        """For how many steps the actions of the next random episode are held at most."""
+        given = self.settings.real.seek_reward
+        return RewardSeeking.read(given).hold if given is not None and self._seeks_reward else 1
+
+    @property
+    def _seeks_reward(self) -> bool:
+        """Whether random episodes are to go on, as they have met no reward. The first one is like any other."""
+        given, steps = self.settings.real.seek_reward, self.state.real_steps
+        if given is None or steps == 0 or self.progress >= 1:
+            return False
+        return steps < RewardSeeking.read(given).until and not meets_reward(self.state.dataset.transitions)
 
     @property
     def misses_real(self) -> bool:

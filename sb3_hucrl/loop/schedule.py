@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import TypeVar
 
 from sb3_hucrl.checks import ArgumentError, Count, Natural, validated, within
+
+
+Pair = TypeVar("Pair")
+
+
+def _read_pair(kind: Callable[[int, int], Pair], name: str, given: Sequence[int], expected: str) -> Pair:
+    if len(given) != 2:
+        raise ArgumentError.of_value(name, given, expected)
+    with within(name):
+        return kind(*given)
 
 
 @validated
@@ -59,6 +70,30 @@ class HorizonSchedule:
 
 @validated
 @dataclass(frozen=True)
+class RewardSeeking:
+    """
+    What random real episodes do where they have met no reward.
+
+    :param hold: for how many steps each action is held at most
+    :param until: real steps from which on they give up
+    """
+
+    hold: Count
+    until: Natural
+
+    @classmethod
+    @validated
+    def read(cls, seek_reward: Sequence[Natural]) -> RewardSeeking:
+        """
+        :param seek_reward: ``[hold, until]``
+        :raises ValueError: if it is anything else
+        """
+        meaning = "random actions are held for up to 50 steps, and random episodes go on until 2,000 real steps"
+        return _read_pair(cls, "seek_reward", seek_reward, f"[hold, until] such as [50, 2_000]: {meaning}")
+
+
+@validated
+@dataclass(frozen=True)
 class EarlyTimeLimit:
     """
     A time limit of the first real episodes, which begin anew more often.
@@ -77,14 +112,8 @@ class EarlyTimeLimit:
         :param early_time_limit: ``[steps, until]``
         :raises ValueError: if it is anything else
         """
-        if len(early_time_limit) != 2:
-            raise ArgumentError.of_value(
-                "early_time_limit",
-                early_time_limit,
-                "[steps, until] such as [200, 2_000]: episodes end after 200 steps until there are 2,000 real steps",
-            )
-        with within("early_time_limit"):
-            return cls(*early_time_limit)
+        meaning = "episodes end after 200 steps until there are 2,000 real steps"
+        return _read_pair(cls, "early_time_limit", early_time_limit, f"[steps, until] such as [200, 2_000]: {meaning}")
 
     def count(self, lengths: Sequence[int], together: int) -> int:
         """

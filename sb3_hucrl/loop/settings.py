@@ -21,7 +21,7 @@ from sb3_hucrl.checks import (
 from sb3_hucrl.dynamics import DYNAMICS, DynamicsModel
 from sb3_hucrl.exploration import ExplorationStrategy, Optimistic
 from sb3_hucrl.imagination import StartStates
-from sb3_hucrl.loop.schedule import EarlyTimeLimit, HorizonSchedule
+from sb3_hucrl.loop.schedule import EarlyTimeLimit, HorizonSchedule, RewardSeeking
 from sb3_hucrl.planning import PlanningSettings
 from sb3_hucrl.tasks import Task
 from sb3_hucrl.tasks.registry import require_task_arguments
@@ -40,7 +40,9 @@ class RealSettings:
         logged data and no ``initial_steps``
     :param initial_steps: steps that these have together, at least; None for one full-length episode, or 200 steps if
         that is less
-    :param initial_hold: for how many steps a random action is held at most, see :func:`sb3_hucrl.loop.random_actor`
+    :param seek_reward: ``[hold, until]``: where random episodes have met no reward, see
+        :func:`sb3_hucrl.loop.meets_reward`, their actions are held for up to ``hold`` steps, and they go on until they
+        do, or until ``until`` real steps; None for neither
     :param real_episodes: after each search, at least 1
     :param real_steps: steps that these have together, at least; None as above
     :param real_envs: number of environments in which they are played at once, at least 1
@@ -57,7 +59,7 @@ class RealSettings:
 
     initial_episodes: Count | None = None
     initial_steps: Count | None = None
-    initial_hold: Count = 1
+    seek_reward: Sequence[Natural] | None = None
     real_episodes: Count = 1
     real_steps: Count | None = None
     real_envs: Count = 1
@@ -70,6 +72,8 @@ class RealSettings:
     def __post_init__(self) -> None:
         if self.early_time_limit is not None:
             EarlyTimeLimit.read(self.early_time_limit)
+        if self.seek_reward is not None:
+            RewardSeeking.read(self.seek_reward)
 
 
 @validated

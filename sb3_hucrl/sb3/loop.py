@@ -47,6 +47,9 @@ def make_loop(
         model.logger.info(f"{type(problem.task).__name__}: the dynamics model learns the reward, too")
     if (early := settings.real.early_time_limit) is not None:
         model.logger.info(f"real episodes end after {early[0]:,} steps until {early[1]:,} real steps: early_time_limit")
+    if (seeking := settings.real.seek_reward) is not None:
+        least = f"where random actions meet no reward, they are held, and go on until {seeking[1]:,} real steps"
+        model.logger.info(f"{least}: seek_reward")
     carried = get_state(model)
     lines = carried_lines(model)
     record = monitor_recorder(lines)
