@@ -9,7 +9,6 @@ from typing import TypeVar
 
 from sb3_hucrl.checks import ArgumentError, Count, Natural, validated, within
 
-
 Pair = TypeVar("Pair")
 
 
