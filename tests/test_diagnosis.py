@@ -183,6 +183,16 @@ def test_the_search_is_judged_against_chance_and_nothing() -> None:
     assert 0 <= measured.saturated <= measured.effort <= 1
 
 
+def test_a_reward_that_only_reality_met_may_be_hoped_for_by_the_critic() -> None:
+    model, rare = small_sac(), played(60, 0)
+    rare.rewards[30] = 100.0
+    state = state_after(rare)
+    world = small_world(horizon=5, starts=StartStates(state.dataset, PendulumTask(), {"initial": 1.0}))
+    critic = measure_search(model, world, state, None).critic
+    assert critic is not None
+    assert critic.bound == pytest.approx(100.0 / (1 - model.gamma))
+
+
 def test_an_algorithm_without_a_critic_is_measured_as_well() -> None:
     state = state_after(played(60, 0))
     world = small_world(horizon=5, starts=StartStates(state.dataset, PendulumTask(), {"initial": 1.0}))

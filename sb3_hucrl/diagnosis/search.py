@@ -27,7 +27,7 @@ class CriticMeasures:
     :param earned: discounted return of the policy from there, with the critic's value of where imagination stops and
         the entropy that the algorithm aims at; mean
     :param spread: standard deviation of what single trajectories earn
-    :param bound: what the largest imagined reward would earn for ever
+    :param bound: what the largest reward, imagined or real, would earn for ever
     """
 
     value: float
@@ -99,6 +99,7 @@ def measure_search(
         return imagined_return(world.trajectories(JUDGED, seed=0), act)
 
     effort, saturated = _actions(model, world, state)
+    rewards = state.dataset.transitions.rewards
     unit = model.reward_unit if isinstance(model, HSVG) else reward_unit(model.get_vec_normalize_env())
     return SearchMeasures(
         mode=earned(policy_actor(model, deterministic=True)),
@@ -108,8 +109,8 @@ def measure_search(
         effort=effort,
         saturated=saturated,
         entropy_coefficient=entropy_coefficient,
-        usual_reward=float(state.dataset.transitions.rewards.square().mean().sqrt()) / unit,
-        critic=_measure_critic(model, world, unit * (entropy_coefficient or 0.0)),
+        usual_reward=float(rewards.square().mean().sqrt()) / unit,
+        critic=_measure_critic(model, world, unit * (entropy_coefficient or 0.0), float(rewards.abs().max())),
     )
 
 
@@ -150,7 +151,9 @@ def _actions(model: BaseAlgorithm, world: World, state: HUCRLState) -> tuple[flo
 
 
 @th.no_grad()
-def _measure_critic(model: BaseAlgorithm, world: World, entropy_coefficient: float) -> CriticMeasures | None:
+def _measure_critic(
+    model: BaseAlgorithm, world: World, entropy_coefficient: float, largest: float
+) -> CriticMeasures | None:
     try:
         policy = SB3Policy(model)
         value = policy.value()
@@ -163,7 +166,7 @@ def _measure_critic(model: BaseAlgorithm, world: World, entropy_coefficient: flo
     observations, first = trajectories.reset(), np.ones(JUDGED, dtype=np.bool_)
     start = value(th.as_tensor(observations, device=device)).cpu().numpy()
     entropy = entropy_coefficient * float(getattr(model, "target_entropy", 0.0))
-    earned, running, discount, largest = np.zeros(JUDGED), first.copy(), 1.0, 0.0
+    earned, running, discount = np.zeros(JUDGED), first.copy(), 1.0
     while running.any():
         step = trajectories.step(act(observations, first))
         earned[running] += discount * (step.rewards[running] + entropy)

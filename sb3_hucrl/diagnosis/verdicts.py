@@ -37,7 +37,7 @@ IDLE = 0.1
 SATURATED_POLICY = 0.9
 #: difference of the critic and what is earned from which its values are not to be believed
 WRONG_VALUE = 0.5
-#: multiple of what the largest imagined reward could ever earn, from which on a critic has diverged
+#: multiple of what the largest reward could ever earn, from which on a critic has diverged
 DIVERGED = 2.0
 #: multiple of the usual reward from which on an entropy coefficient has run away
 RUNAWAY = 10.0
@@ -211,8 +211,8 @@ def judge_critic(search: SearchMeasures, setup: Setup) -> Verdict:
     if abs(critic.value) > DIVERGED * critic.bound:
         return Verdict(
             Level.CAUSE,
-            f"The critic has diverged: it values start states at {critic.value:.3g}, and the largest imagined reward, "
-            f"at every step, would be worth {critic.bound:.3g}.",
+            f"The critic has diverged: it values start states at {critic.value:.3g}, and the largest reward so far, at "
+            f"every step, would be worth {critic.bound:.3g}.",
             calmer_values(setup),
         )
     said = f"{critic.value:.1f} of start states, where {critic.earned:.1f} is earned"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 
+from sb3_hucrl.checks import validated
 from sb3_hucrl.data import Transitions
 
 #: part of the rewards' variance from which on more than the action decides on them
@@ -12,6 +13,7 @@ UNEXPLAINED = 1e-4
 ROUNDING = 1e-12
 
 
+@validated
 def meets_reward(transitions: Transitions) -> bool:
     """
     Where all rewards are the same, or are what actions cost, nothing is known to be better than doing nothing.
